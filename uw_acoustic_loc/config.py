@@ -1,0 +1,131 @@
+"""Parameters: frozen dataclasses whose fields know their unit and range, and the one builder that fills them.
+
+A parameter is declared once, next to its algorithm::
+
+    gate_sigma: float = param(3.0, unit="sigma", low=0.0, doc="innovations beyond this are rejected")
+
+``build`` turns a mapping (ROS parameters, a YAML node) into the dataclass. Whatever is wrong ends as one sentence
+that names the place, the key, the value and what is allowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a parameter may be: unit, closed range of each number, names of choices, changeable at run time or not."""
+
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+    length: int = 0
+    changeable: bool = False
+    doc: str = ""
+
+
+def param(
+    default: Any = MISSING,
+    *,
+    unit: str = "",
+    low: float = -math.inf,
+    high: float = math.inf,
+    choices: tuple[str, ...] = (),
+    length: int = 0,
+    changeable: bool = False,
+    doc: str = "",
+) -> Any:
+    """A dataclass field with its limits; without a default the key is required."""
+    limits = Limits(unit, low, high, choices, length, changeable, doc)
+    return dataclasses.field(default=default, metadata={"limits": limits})
+
+
+def limits_of(field: dataclasses.Field[Any]) -> Limits:
+    """The limits that a field was declared with."""
+    limits: Limits = field.metadata.get("limits", Limits())
+    return limits
+
+
+def build(cls: type[T], values: Mapping[str, Any], where: str) -> T:
+    """The dataclass `cls` from `values`; `where` names the place in the sentence of a ValueError.
+
+    Nested dataclasses are built from nested mappings, tuples of dataclasses from lists of mappings.
+    """
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{where} must be a mapping of keys to values, got {values!r}")
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]
+    for key in values:
+        if key not in fields:
+            raise ValueError(f"{where}: unknown key '{key}'{_nearest(str(key), fields)}")
+    hints = get_type_hints(cls)
+    built = {key: _value(hints[key], value, f"{where}: {key}", limits_of(fields[key])) for key, value in values.items()}
+    for name, field in fields.items():
+        if name not in built and field.default is MISSING and field.default_factory is MISSING:
+            raise ValueError(f"{where}: key '{name}' is missing")
+    try:
+        return cls(**built)
+    except ValueError as error:  # a __post_init__ that compares several fields
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _nearest(key: str, known: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(key, known, n=1)
+    return f", did you mean '{close[0]}'?" if close else f", allowed are {', '.join(sorted(known)) or 'none'}"
+
+
+def _value(kind: Any, value: Any, where: str, limits: Limits) -> Any:
+    if get_origin(kind) is UnionType:  # `X | None`: a part that may be left out, never written as null
+        kind = get_args(kind)[0]
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+        return build(kind, value, where)
+    if get_origin(kind) is tuple:
+        return _sequence(get_args(kind)[0], value, where, limits)
+    return _scalar(kind, value, where, limits)
+
+
+def _sequence(kind: Any, value: Any, where: str, limits: Limits) -> tuple[Any, ...]:
+    if isinstance(value, str) or (not isinstance(value, Sequence) and not hasattr(value, "tolist")):
+        raise ValueError(f"{where} must be a list of {kind.__name__}, got {value!r}")
+    items = value.tolist() if hasattr(value, "tolist") else list(value)
+    if limits.length and len(items) not in (0, limits.length):
+        raise ValueError(f"{where} must have {limits.length} elements, got {len(items)}")
+    element = dataclasses.replace(limits, length=0)
+    return tuple(_value(kind, item, f"{where}[{i}]", element) for i, item in enumerate(items))
+
+
+def _scalar(kind: type, value: Any, where: str, limits: Limits) -> Any:
+    # YAML writes 3 for 3.0; ROS does not convert an integer parameter, so both are accepted here. bool is an int
+    # to Python and never meant as a number.
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if kind is float and number:
+        value = float(value)
+    elif type(value) is not kind:
+        raise ValueError(f"{where} must be {_words(kind)}, got {value!r}")
+    if limits.choices and value not in limits.choices:
+        raise ValueError(f"{where} must be one of {', '.join(limits.choices)}, got {value!r}")
+    if kind in (int, float) and not limits.low <= value <= limits.high:  # NaN fails too
+        raise ValueError(f"{where} must be {_range(limits)}, got {value!r}")
+    return value
+
+
+def _words(kind: type) -> str:
+    return {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}.get(kind, kind.__name__)
+
+
+def _range(limits: Limits) -> str:
+    unit = f" {limits.unit}" if limits.unit else ""
+    if limits.low > -math.inf and limits.high < math.inf:
+        return f"from {limits.low:g} to {limits.high:g}{unit}"
+    if limits.low > -math.inf:
+        return f"at least {limits.low:g}{unit}"
+    return f"at most {limits.high:g}{unit}" if limits.high < math.inf else "a number"

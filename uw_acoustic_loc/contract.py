@@ -1,0 +1,79 @@
+"""The contract between the layers: what an estimator stage is, and what a simulated sensor is.
+
+Both are free of ROS, files and threads. The `ros` and `bag` layers drive them; that is why a live graph and an offline
+run give the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+Emission = tuple[str, Any]  # topic, core value
+Event = tuple[int, str, Any]  # t_ns at which the value is available, topic, core value
+
+
+@dataclass(frozen=True)
+class Input:
+    """A subscribed topic. The handler gets the core type and yields emissions, in stamp order over all inputs."""
+
+    topic: str
+    kind: type
+    handle: Callable[[Any], Iterable[Emission]]
+    frame: str = ""  # the frame the header must name; a prefix such as `auv1/` is allowed; "" = any
+    latched: bool = False  # streams wait for it
+
+
+@dataclass(frozen=True)
+class Output:
+    """A published topic."""
+
+    topic: str
+    kind: type
+    latched: bool = False
+
+
+@dataclass(frozen=True)
+class Status:
+    """What diagnostics shows of a stage: level, one sentence, and numbers by name."""
+
+    OK: ClassVar[int] = 0
+    WARN: ClassVar[int] = 1
+    ERROR: ClassVar[int] = 2
+    level: int = 0
+    message: str = "running"
+    values: Mapping[str, float | int | str] = field(default_factory=dict)
+
+
+class Stage(Protocol):
+    """An estimator, built from its config alone; a new run of the clock builds a new one.
+
+    A handler raises ValueError (one sentence) for a message that it cannot use; the message is then counted as
+    rejected, and nothing of it is kept.
+    """
+
+    Config: ClassVar[type]
+
+    @property
+    def inputs(self) -> tuple[Input, ...]: ...
+
+    @property
+    def outputs(self) -> tuple[Output, ...]: ...
+
+    def status(self) -> Status: ...
+
+    def change(self, config: Any) -> None:
+        """Takes over a config in which only changeable fields differ."""
+
+
+class Source(Protocol):
+    """A simulated sensor: `events` yields everything from the scenario's start to its end, latched values first.
+
+    The same scenario gives the same events, bit for bit, each time `events` is called.
+    """
+
+    @property
+    def outputs(self) -> tuple[Output, ...]: ...
+
+    def events(self) -> Iterator[Event]: ...

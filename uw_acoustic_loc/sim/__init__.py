@@ -1,0 +1,1 @@
+"""Truth and sensors: from a scenario to measurements, reproducibly from its seed."""

@@ -1,0 +1,195 @@
+"""The scenario file: one story and one truth for every simulated sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ..config import build, param
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The water and what is heard in it when nothing pings."""
+
+    sound_speed: float = param(1500.0, unit="m/s", low=1350, high=1650, doc="mean")
+    sound_speed_walk: float = param(0.3, unit="m/s per sqrt(s)", low=0, doc="random walk of the true sound speed")
+    sound_speed_range: float = param(2.0, unit="m/s", low=0, doc="the walk stays within mean +- this")
+    depth: float = param(40.0, unit="m", low=1, doc="flat seabed, below the surface at z = 0")
+    surface_reflection: float = param(-0.7, low=-1, high=1, doc="amplitude coefficient")
+    bottom_reflection: float = param(0.4, low=-1, high=1, doc="amplitude coefficient")
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A corner of the path, in map."""
+
+    x: float = param(unit="m")
+    y: float = param(unit="m")
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The AUV: constant speed and depth along waypoints, corners rounded with turn_radius."""
+
+    waypoints: tuple[Waypoint, ...] = param(doc="at least two")
+    name: str = param("auv1")
+    speed: float = param(1.5, unit="m/s", low=0.01, high=20)
+    turn_radius: float = param(8.0, unit="m", low=0.1)
+    z: float = param(-15.0, unit="m", high=0)
+    imu_rate: float = param(100.0, unit="Hz", low=1, high=1000)
+    gyro_std: float = param(0.01, unit="rad/s", low=0, doc="white, per sample (Choi et al. 2016)")
+    accelerometer_std: float = param(0.1, unit="m/s^2", low=0)
+    gyro_bias_std: float = param(0.002, unit="rad/s", low=0, doc="constant bias, drawn once")
+    dvl_rate: float = param(5.0, unit="Hz", low=0.1, high=100)
+    dvl_std: float = param(0.005, unit="m/s", low=0)
+    dvl_bias_std: float = param(0.005, unit="m/s", low=0, doc="constant bias per axis, drawn once")
+    odometry_rate: float = param(20.0, unit="Hz", low=0.1, high=1000)
+
+
+@dataclass(frozen=True)
+class Hydrophones:
+    """Two hydrophones on the vehicle and their 16-bit converter."""
+
+    spacing: float = param(0.6, unit="m", low=0.001)
+    sample_rate: float = param(100_000.0, unit="Hz", low=1000)
+    frame_length: float = param(0.1, unit="s", low=0.001, high=10)
+    array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
+    array_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="in base_link")
+    full_scale: float = param(20.0, unit="Pa", low=1e-6, doc="pressure of the largest count")
+    format: str = param("int16", choices=("int16", "float32"))
+    noise_std: float = param(0.2, unit="Pa", low=0, doc="white noise over the whole band, per sample")
+
+
+@dataclass(frozen=True)
+class Pinger:
+    """A source that repeats a linear chirp (or a tone burst when band_low = band_high) on its own band."""
+
+    id: str = param()
+    x: float = param(unit="m")
+    y: float = param(unit="m")
+    z: float = param(unit="m", high=0)
+    band_low: float = param(unit="Hz", low=1)
+    band_high: float = param(unit="Hz", low=1)
+    pulse_length: float = param(0.01, unit="s", low=1e-5, high=1)
+    period: float = param(0.1, unit="s", low=1e-3)
+    offset: float = param(0.0, unit="s", low=0, doc="first emission after the start")
+    source_level: float = param(100.0, unit="Pa at 1 m", low=0, doc="amplitude")
+
+
+@dataclass(frozen=True)
+class Node:
+    """A buoy, a transmitter or a receiver."""
+
+    id: int = param(low=0, high=65535)
+    x: float = param(unit="m")
+    y: float = param(unit="m")
+    z: float = param(0.0, unit="m", high=0)
+
+
+@dataclass(frozen=True)
+class Buoys:
+    """Buoys that time the vehicle's ping, directly and over the seabed."""
+
+    nodes: tuple[Node, ...] = param()
+    period: float = param(1.0, unit="s", low=0.01, doc="of the vehicle's ping")
+    toa_std: float = param(1e-3, unit="s", low=1e-9)
+    outlier_fraction: float = param(0.0, low=0, high=1, doc="late arrivals")
+    outlier_mean: float = param(0.1, unit="s", low=0, doc="mean lateness, exponential")
+    miss_fraction: float = param(0.0, low=0, high=1)
+    snr_db: float = param(20.0, unit="dB")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A target of the sonar net, at constant velocity."""
+
+    id: int = param(low=0, high=65535)
+    x: float = param(unit="m")
+    y: float = param(unit="m")
+    z: float = param(0.0, unit="m", high=0)
+    vx: float = param(0.0, unit="m/s")
+    vy: float = param(0.0, unit="m/s")
+
+
+@dataclass(frozen=True)
+class Sonar:
+    """A transmitter, receivers and the targets that they watch."""
+
+    transmitter: Node = param()
+    receivers: tuple[Node, ...] = param()
+    targets: tuple[Target, ...] = param()
+    period: float = param(4.0, unit="s", low=0.1)
+    range_noise: str = param("rayleigh", choices=("rayleigh", "gaussian"))
+    range_std: float = param(40.0, unit="m", low=1e-6)
+    bearing_std: float = param(0.02, unit="rad", low=1e-9)
+    false_alarms: float = param(0.0, low=0, doc="mean number per receiver and ping")
+    miss_fraction: float = param(0.0, low=0, high=1)
+    max_range: float = param(10_000.0, unit="m", low=1, doc="false alarms lie within")
+
+
+@dataclass(frozen=True)
+class Mooring:
+    """A buoy on its tether: m x'' + b x' + k x = u, its offset measured with impulsive noise (Lee et al. 2013)."""
+
+    id: str = param()
+    mass: float = param(1.0, unit="kg", low=1e-9)
+    damping: float = param(0.5, unit="N s/m", low=0)
+    stiffness: float = param(1.0, unit="N/m", low=0)
+    force: float = param(0.5, unit="N")
+    start: float = param(2.0, unit="m")
+    period: float = param(0.5, unit="s", low=1e-3)
+    process_std: float = param(0.05, unit="m", low=0)
+    measurement_std: float = param(0.5, unit="m", low=1e-9)
+    impulse_fraction: float = param(0.3, low=0, high=1)
+    impulse_alpha: float = param(1.8, low=0.1, high=2)
+    impulse_beta: float = param(1.0, low=-1, high=1)
+    impulse_scale: float = param(10.0, low=0, doc="in measurement_std")
+    impulse_location: float = param(-3.0, doc="in measurement_std")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Everything that the simulated sensors share. Parts that are left out are simply not simulated."""
+
+    environment: Environment = param(Environment())
+    vehicle: Vehicle | None = param(None)
+    hydrophones: Hydrophones = param(Hydrophones())
+    pingers: tuple[Pinger, ...] = param(())
+    buoys: Buoys | None = param(None)
+    sonar: Sonar | None = param(None)
+    moorings: tuple[Mooring, ...] = param(())
+    start_time: int = param(1_780_272_000, unit="s since 1970", low=1)
+    duration: float = param(120.0, unit="s", low=0.1)
+    seed: int = param(1, low=0)
+
+    @property
+    def start_ns(self) -> int:
+        """The first instant."""
+        return self.start_time * 1_000_000_000
+
+    def t_ns(self, time: float) -> int:
+        """Integer nanoseconds of a time in s after the start."""
+        return self.start_ns + round(time * 1e9)
+
+    def rng(self, *key: int) -> np.random.Generator:
+        """The random numbers of one sensor (and frame): the same for the same seed and key, whatever else runs."""
+        return np.random.default_rng([self.seed, *key])
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Reads and checks a scenario file.
+
+    Raises:
+        ValueError: one sentence naming the file, the key and what is allowed.
+    """
+    try:
+        values = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ValueError(f"scenario {path} cannot be read: {error.strerror}") from None
+    except yaml.YAMLError as error:
+        raise ValueError(f"scenario {path} is not valid YAML: {' '.join(str(error).split())}") from None
+    return build(Scenario, values, f"scenario {path}")
