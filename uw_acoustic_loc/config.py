@@ -88,9 +88,17 @@ def _value(kind: Any, value: Any, where: str, limits: Limits) -> Any:
         kind = get_args(kind)[0]
     if dataclasses.is_dataclass(kind) and isinstance(kind, type):
         return build(kind, value, where)
+    if get_origin(kind) is Mapping:
+        return _names(value, where)
     if get_origin(kind) is tuple:
         return _sequence(get_args(kind)[0], value, where, limits)
     return _scalar(kind, value, where, limits)
+
+
+def _names(value: Any, where: str) -> dict[str, str]:
+    if not isinstance(value, Mapping) or not all(isinstance(text, str) for pair in value.items() for text in pair):
+        raise ValueError(f"{where} must be a mapping of names to names, got {value!r}")
+    return dict(value)
 
 
 def _sequence(kind: Any, value: Any, where: str, limits: Limits) -> tuple[Any, ...]:

@@ -1,0 +1,1 @@
+"""MCAP bags in and out, and the offline run of stages on them: no DDS, no rclpy."""

@@ -1,0 +1,175 @@
+"""What each command does, in terms of the layers below. Heavy imports stand inside: `uwloc --help` is quick."""
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .console import STDERR, NodeLog, progress
+
+if TYPE_CHECKING:
+    from ..stages.runner import Refusal
+
+
+def demo(options: Namespace) -> int:
+    """Launches the harbour graph, records, scores, reports."""
+    from ..resources import resource
+    from ..sim.scenario import load_scenario
+    from .recording import load
+    from .report import write_report
+    from .score import score
+
+    begun = time.monotonic()
+    folder: Path = options.output
+    if folder.exists():
+        shutil.rmtree(folder) if (folder / "bag").exists() else _refuse_folder(folder)
+    folder.mkdir(parents=True)
+    harbour = resource("config/harbour")
+    duration = load_scenario(harbour / "scenario.yaml").duration
+    code = _launch(harbour / "graph.yaml", folder / "bag", duration)
+    recording = load(folder / "bag")
+    scored = score(recording)
+    write_report(recording, scored, folder / "report.html")
+    (folder / "score.json").write_text(json.dumps(scored, indent=2))
+    _print_score(scored, options.json)
+    STDERR.print(f"bag {folder / 'bag'}, report {folder / 'report.html'}, {time.monotonic() - begun:.0f} s in all")
+    return code
+
+
+def launch(options: Namespace) -> int:
+    """Starts a graph and stays with it."""
+    return _launch(options.graph, options.record, options.duration)
+
+
+def simulate(options: Namespace) -> int:
+    """Writes a scenario into a bag."""
+    import dataclasses
+
+    from ..bag.simulate import simulate as run
+    from ..sim.scenario import load_scenario
+
+    scenario = load_scenario(options.scenario)
+    if options.seed >= 0:
+        scenario = dataclasses.replace(scenario, seed=options.seed)
+    with progress("simulate", scenario.duration) as bar:
+        counts = run(scenario, options.output, lambda t_ns: bar((t_ns - scenario.start_ns) * 1e-9))
+    STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {options.output}")
+    return 0
+
+
+def process(options: Namespace) -> int:
+    """Runs estimators on a bag without DDS."""
+    from ..bag.process import OfflineRun
+    from ..bag.reader import Bag
+    from ..graph import load_graph
+
+    bag = Bag(options.bag)
+    tell = _Refusals()
+    run = OfflineRun(bag, load_graph(options.graph), tell)
+    for topic in run.missing:
+        STDERR.print(f"note: the bag has no {topic}")
+    begun = time.monotonic()
+    first, last = bag.span()
+    with progress("process", (last - first) * 1e-9) as bar:
+        counts = run.run(options.output, options.keep_inputs, lambda t_ns: bar((t_ns - first) * 1e-9))
+    seconds = time.monotonic() - begun
+    STDERR.print(
+        f"{sum(counts.values())} messages in {options.output}, {(last - first) * 1e-9 / max(seconds, 1e-9):.0f}x real time"
+    )
+    tell.summary()
+    return _damage(bag.damage)
+
+
+def replay(options: Namespace) -> int:
+    """Plays a bag to live nodes and records their outputs."""
+    import dataclasses
+
+    from ..bag.reader import Bag
+    from ..graph import load_graph
+    from ..ros.launcher import Launcher, Run
+    from ..ros.replay import player_node, without_drivers
+
+    bag = Bag(options.bag)
+    graph = without_drivers(load_graph(options.graph))
+    player = player_node(graph, options.bag, bag, options.rate)
+    run = Run(record=options.output, extra=(player,), clock=False)
+    code = Launcher(dataclasses.replace(graph, clock_rate=0.0), run, NodeLog()).run()
+    recorded = Bag(options.output)
+    STDERR.print(f"{sum(1 for _ in recorded.records())} messages in {options.output}")
+    return code
+
+
+def score(options: Namespace) -> int:
+    """Prints the errors of a bag."""
+    from .recording import load
+    from .score import score as run
+
+    _print_score(run(load(options.bag)), options.json)
+    return 0
+
+
+def report(options: Namespace) -> int:
+    """Writes the report of a bag."""
+    from .recording import load
+    from .report import write_report
+    from .score import score as run
+
+    recording = load(options.bag)
+    write_report(recording, run(recording), options.output)
+    STDERR.print(f"report in {options.output}")
+    return 0
+
+
+def _launch(graph: Path, record: Path | None, duration: float) -> int:
+    from ..graph import load_graph
+    from ..ros.launcher import Launcher, Run
+
+    with progress("launch", duration) as bar:
+        run = Run(record=record, duration=duration, progress=bar if duration else None)
+        return Launcher(load_graph(graph), run, NodeLog()).run()
+
+
+def _print_score(scored: dict[str, object], as_json: bool) -> None:
+    from rich.console import Console
+
+    from .score import table
+
+    if as_json:
+        print(json.dumps(scored, indent=2))
+    else:
+        Console().print(table(scored))
+
+
+def _refuse_folder(folder: Path) -> None:
+    raise ValueError(f"{folder} exists and holds no earlier demo: choose another folder with -o")
+
+
+def _damage(damage: list[str]) -> int:
+    for sentence in damage:
+        print(f"uwloc: {sentence}", file=sys.stderr)
+    return 1 if damage else 0
+
+
+class _Refusals:
+    """Says the first refusal of each kind, counts the rest."""
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], int] = {}
+
+    def __call__(self, node: str, refusal: Refusal) -> None:
+        key = (node, refusal.topic)
+        self._counts[key] = self._counts.get(key, 0) + 1
+        if self._counts[key] == 1:
+            STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}", markup=False)
+
+    def summary(self) -> None:
+        """How many there were."""
+        for (node, topic), count in self._counts.items():
+            if count > 1:
+                STDERR.print(f"{node}: {count} messages on {topic} were not used", markup=False)

@@ -1,0 +1,44 @@
+"""What a person at the terminal sees: progress bars, prefixed log lines."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+STDERR = Console(stderr=True, highlight=False)
+_COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright_green", "bright_yellow", "bright_blue")
+
+
+@contextmanager
+def progress(title: str, total_s: float) -> Iterator[Callable[[float], None]]:
+    """A bar over seconds of the scenario or bag; gives the function that sets it. Silent where there is no terminal."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} s  {task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=STDERR, disable=not sys.stderr.isatty(), transient=True) as bars:
+        task = bars.add_task(title, total=max(total_s, 1e-9), rate="")
+
+        def update(done_s: float) -> None:
+            speed = bars.tasks[0].speed
+            bars.update(task, completed=min(done_s, total_s), rate=f"{speed:.1f}x real time" if speed else "")
+
+        yield update
+
+
+class NodeLog:
+    """Prints lines of nodes, each under its node's name and colour."""
+
+    def __init__(self) -> None:
+        self._colours: dict[str, str] = {}
+
+    def __call__(self, name: str, line: str) -> None:
+        colour = self._colours.setdefault(name, _COLOURS[len(self._colours) % len(_COLOURS)])
+        STDERR.print(f"[{colour}]\\[{name.lstrip('/')}][/{colour}] ", end="")
+        STDERR.print(line, markup=False, soft_wrap=True)

@@ -1,0 +1,79 @@
+"""Commands and their arguments. Exit codes: 0 done, 1 user error (one sentence on stderr), 2 usage."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from .. import __version__
+from . import commands
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command; the one place where a user's error becomes a sentence."""
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.run(options)
+    except ValueError as error:
+        print(f"uwloc: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"uwloc: {error.filename or 'operating system'}: {error.strerror}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("uwloc", description="Acoustic localization for AUVs, live and from bags.")
+    parser.add_argument("--version", action="version", version=__version__)
+    command = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    demo = command.add_parser("demo", help="the whole graph on the harbour scenario: bag, table and report")
+    demo.add_argument(
+        "-o", "--output", type=Path, default=Path("out/demo"), help="folder to be made (default %(default)s)"
+    )
+    demo.add_argument("--json", action="store_true", help="print the score as JSON")
+    demo.set_defaults(run=commands.demo)
+
+    launch = command.add_parser("launch", help="start the nodes of a graph, one process each")
+    launch.add_argument("graph", type=Path, metavar="GRAPH.yaml")
+    launch.add_argument("--record", type=Path, metavar="BAG", help="record all outputs into a new bag")
+    launch.add_argument("--duration", type=float, default=0.0, metavar="S", help="stop after S seconds of the clock")
+    launch.set_defaults(run=commands.launch)
+
+    simulate = command.add_parser("simulate", help="measurements and truth of a scenario straight into a bag")
+    simulate.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
+    simulate.add_argument("-o", "--output", type=Path, required=True, metavar="BAG")
+    simulate.add_argument("--seed", type=int, default=-1, help="instead of the scenario's own")
+    simulate.set_defaults(run=commands.simulate)
+
+    process = command.add_parser("process", help="run a graph's estimators on a bag, offline")
+    _bag_and_graph(process)
+    process.add_argument("--keep-inputs", action="store_true", help="copy the bag's other topics into the output")
+    process.set_defaults(run=commands.process)
+
+    replay = command.add_parser("replay", help="play a bag to a graph's live nodes and record what they say")
+    _bag_and_graph(replay)
+    replay.add_argument("--rate", type=float, default=1.0, help="x real time; 0 = as fast as the nodes go")
+    replay.set_defaults(run=commands.replay)
+
+    score = command.add_parser("score", help="errors of a bag's estimates against its truth")
+    score.add_argument("bag", type=Path, metavar="BAG")
+    score.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    score.set_defaults(run=commands.score)
+
+    report = command.add_parser("report", help="one page with tracks, bearings, errors and rates")
+    report.add_argument("bag", type=Path, metavar="BAG")
+    report.add_argument("-o", "--output", type=Path, default=Path("report.html"))
+    report.set_defaults(run=commands.report)
+    return parser
+
+
+def _bag_and_graph(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bag", type=Path, metavar="BAG")
+    parser.add_argument("--graph", type=Path, required=True, metavar="GRAPH.yaml")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT")

@@ -1,0 +1,167 @@
+"""Graph files and ROS params-files: which nodes run, with which parameters and names. Checked whole before use."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from .config import build, param
+
+
+@dataclass(frozen=True)
+class NodeEntry:
+    """A node as the graph file writes it."""
+
+    executable: str = param(doc="one of ours, or package/executable")
+    name: str = param("", doc="default: the executable's name")
+    namespace: str = param("")
+    params: str = param("", doc="ROS params-file, relative to the graph file")
+    remap: Mapping[str, str] | None = param(None)
+
+
+@dataclass(frozen=True)
+class GraphFile:
+    """The graph file's content."""
+
+    nodes: tuple[NodeEntry, ...] = param()
+    clock_rate: float = param(0.0, unit="x real time", low=0.0, high=1000.0, doc="0 = no /clock")
+
+
+@dataclass(frozen=True)
+class GraphNode:
+    """A node with all names resolved."""
+
+    executable: str
+    name: str
+    namespace: str  # starts with "/"
+    params_file: Path | None
+    remap: Mapping[str, str]
+    params: Mapping[str, Any]
+
+    @property
+    def base(self) -> Path:
+        """The folder from which the node's relative paths are taken."""
+        return self.params_file.parent if self.params_file else Path()
+
+    @property
+    def full_name(self) -> str:
+        """For example `/auv1/bearing`."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+    def resolve(self, topic: str) -> str:
+        """The topic's name in the graph: namespace and remappings applied, as rcl does."""
+        renamed = {self._absolute(old): self._absolute(new) for old, new in self.remap.items()}
+        return renamed.get(self._absolute(topic), self._absolute(topic))
+
+    def _absolute(self, topic: str) -> str:
+        if topic.startswith("~/"):
+            return f"{self.full_name}/{topic[2:]}"
+        return topic if topic.startswith("/") else f"{self.namespace.rstrip('/')}/{topic}"
+
+
+@dataclass(frozen=True)
+class Graph:
+    """All nodes of a graph file."""
+
+    path: Path
+    nodes: tuple[GraphNode, ...]
+    clock_rate: float
+
+
+def load_graph(path: Path) -> Graph:
+    """Reads a graph file and the params-files that it names.
+
+    Raises:
+        ValueError: one sentence naming the file, the key and what is allowed.
+    """
+    content = build(GraphFile, load_yaml(path, "graph"), f"graph {path}")
+    nodes = tuple(_node(entry, path) for entry in content.nodes)
+    seen: set[str] = set()
+    for node in nodes:
+        if node.full_name in seen:
+            raise ValueError(f"graph {path}: two nodes are named {node.full_name}, give one another name or namespace")
+        seen.add(node.full_name)
+    for file in {node.params_file for node in nodes if node.params_file}:
+        _check_sections(file, nodes)
+    return Graph(path, nodes, content.clock_rate)
+
+
+def load_yaml(path: Path, what: str) -> Any:
+    """The content of a YAML file; ValueError with one sentence when it cannot be read."""
+    try:
+        return yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise ValueError(f"{what} {path} cannot be read: {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{what} {path} is not valid YAML: {' '.join(str(error).split())}") from None
+
+
+def _node(entry: NodeEntry, graph: Path) -> GraphNode:
+    name = entry.name or entry.executable.split("/")[-1]
+    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+        raise ValueError(f"graph {graph}: node name '{name}' must be letters, digits and underscores")
+    namespace = "/" + entry.namespace.strip("/")
+    file = graph.parent / entry.params if entry.params else None
+    full_name = f"{namespace.rstrip('/')}/{name}"
+    params = params_of(file, full_name) if file else {}
+    return GraphNode(entry.executable, name, namespace, file, entry.remap or {}, params)
+
+
+def params_of(file: Path, full_name: str) -> dict[str, Any]:
+    """The parameters that a params-file gives to a node; later sections win, as in rcl."""
+    params: dict[str, Any] = {}
+    for pattern, values in _sections(file).items():
+        if _matches(pattern, full_name):
+            params |= _flat(values)
+    return params
+
+
+def _sections(file: Path) -> dict[str, Mapping[str, Any]]:
+    """Node name pattern -> parameters; nested namespaces are joined with slashes."""
+    content = load_yaml(file, "params-file")
+    found: dict[str, Mapping[str, Any]] = {}
+
+    def visit(prefix: str, level: Any) -> None:
+        if not isinstance(level, Mapping):
+            raise ValueError(f"params-file {file}: '{prefix or '/'}' must hold ros__parameters, got {level!r}")
+        for key, value in level.items():
+            if key == "ros__parameters":
+                if not isinstance(value, Mapping):
+                    raise ValueError(f"params-file {file}: '{prefix}' ros__parameters must be a mapping, got {value!r}")
+                found[prefix] = value
+            else:
+                visit(f"{prefix}/{str(key).strip('/')}", value)
+
+    visit("", content or {})
+    return found
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested parameter mappings with their keys joined by dots, as rcl reads them."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _matches(pattern: str, full_name: str) -> bool:
+    """As in rcl: `/**` stands for any number of names, `/*` for one; a bare name is a node of the root namespace."""
+    tokens = re.split(r"(/\*\*|/\*)", pattern)
+    expression = "".join({"/**": r"(/\w+)*", "/*": r"/\w+"}.get(token, re.escape(token)) for token in tokens)
+    return re.fullmatch(expression, full_name) is not None
+
+
+def _check_sections(file: Path, nodes: tuple[GraphNode, ...]) -> None:
+    """A misspelt node name would silently leave a node at its defaults."""
+    users = sorted(node.full_name for node in nodes if node.params_file == file)
+    for pattern in _sections(file):
+        if not any(_matches(pattern, name) for name in users):
+            raise ValueError(f"params-file {file}: section '{pattern}' is none of its nodes {', '.join(users)}")

@@ -1,0 +1,1 @@
+"""The only layer that imports rclpy: one adapter that turns any stage into a node, drivers, recorder, player."""

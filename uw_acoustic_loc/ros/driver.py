@@ -1,0 +1,115 @@
+"""The adapter for simulated sensors: publishes a scenario's events when the clock reaches them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.parameter import Parameter
+
+from ..config import build
+from ..contract import Event, Status
+from ..core.types import Odometry
+from ..sim.catalog import DriverConfig, configured_scenario, make_source
+from ..sim.scenario import Scenario
+from .diagnostics import Diagnostics
+from .endpoints import Publishers, SyncService
+from .parameters import declare, given_parameters
+from .spin import Stop
+from .transforms import Transforms
+
+_MISSED_NS = 1_000_000_000  # a driver that starts late leaves out what is older
+
+
+class DriverNode:
+    """Follows /clock when use_sim_time is set; otherwise real time, with all stamps moved to its start."""
+
+    def __init__(self, executable: str) -> None:
+        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        config = self._configure()
+        scenario = self._scenario(config)
+        source = make_source(executable, scenario)
+        self._publishers = Publishers(self.node, source.outputs)
+        self._transforms = Transforms(self.node)
+        self._events: Iterator[Event] = source.events()
+        self._latched = {output.topic for output in source.outputs if output.latched}
+        self._started, self._missed = False, 0
+        self._next: Event | None = next(self._events, None)
+        self._shift_ns = self._shift(config, scenario.start_ns)
+        self._send_latched()
+        Diagnostics(self.node, self._status)
+        SyncService(self.node, self._report, lambda: None)
+
+    def idle(self) -> float:
+        """Publishes all events that are due; returns the time to the next one."""
+        now_ns = self.node.get_clock().now().nanoseconds - self._shift_ns
+        if now_ns <= 0:
+            return 0.1  # simulated time has not started
+        if not self._started:
+            self._started = True
+            self._skip(now_ns - _MISSED_NS)
+        while self._next is not None and self._next[0] <= now_ns:
+            self._publish(self._next)
+            self._next = next(self._events, None)
+        if self._next is None:
+            return 0.1
+        return min(0.1, max(0.0005, (self._next[0] - now_ns) * 1e-9))
+
+    def close(self) -> None:
+        """Waits until everything that was sent has arrived."""
+        self._publishers.wait_acknowledged()
+
+    def _configure(self) -> DriverConfig:
+        try:
+            config = build(DriverConfig, given_parameters(self.node), f"node {self.node.get_fully_qualified_name()}")
+        except ValueError as error:
+            raise Stop(1, str(error)) from None
+        declare(self.node, config)
+        return config
+
+    def _scenario(self, config: DriverConfig) -> Scenario:
+        try:
+            return configured_scenario(config, Path())
+        except ValueError as error:
+            raise Stop(1, f"node {self.node.get_fully_qualified_name()}: {error}") from None
+
+    def _shift(self, config: DriverConfig, start_ns: int) -> int:
+        if (
+            self.node.get_parameter("use_sim_time").type_ == Parameter.Type.BOOL
+            and self.node.get_parameter("use_sim_time").value
+        ):
+            return 0
+        now_ns: int = self.node.get_clock().now().nanoseconds
+        return (config.start_time * 1_000_000_000 or now_ns) - start_ns
+
+    def _send_latched(self) -> None:
+        while self._next is not None and self._next[1] in self._latched:
+            self._publish(self._next)
+            self._next = next(self._events, None)
+
+    def _skip(self, until_ns: int) -> None:
+        while self._next is not None and self._next[0] < until_ns:
+            self._missed += 1
+            self._next = next(self._events, None)
+        if self._missed:
+            self.node.get_logger().warning(f"started late: left out {self._missed} messages of the past")
+
+    def _publish(self, event: Event) -> None:
+        _, topic, value = event
+        if self._shift_ns:
+            value = dataclasses.replace(value, t_ns=value.t_ns + self._shift_ns)
+        self._publishers.send(topic, value)
+        if topic == "odometry" and isinstance(value, Odometry):
+            self._transforms.send(value)
+
+    def _status(self) -> Status:
+        values = {f"{topic} sent": sent for topic, sent in self._publishers.sent.items()}
+        if not self._started:
+            return Status(Status.WARN, "waiting for /clock", values)
+        return Status(Status.OK, "running" if self._next else "the scenario is over", values)
+
+    def _report(self) -> dict[str, Any]:
+        return {"out": self._publishers.report(), "in": {}, "over": self._next is None}

@@ -1,0 +1,238 @@
+"""The orchestrator: starts a graph's nodes, waits until all are connected, drives /clock, stops all in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+from ..graph import Graph, GraphNode
+from ..sim.catalog import SOURCES
+from ..stages.catalog import STAGES
+from ..wire.codec import codec
+from ..wiring import DriverWiring, Wiring, upstream_first, wire
+from .processes import USER_ERROR, NodeProcess, SharedMemory
+from .sync import SyncClient, outstanding, unmatched
+
+_READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
+_DRAIN_S = 30.0
+_TICK_S = 0.02  # real time between two /clock messages
+_OURS = ("recorder", "player")
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a graph is run. Times in s; `duration` 0 = until SIGINT or SIGTERM."""
+
+    record: Path | None = None
+    duration: float = 0.0
+    extra: tuple[GraphNode, ...] = ()  # started with the graph's own nodes
+    clock: bool = True  # publish /clock at the graph's rate; False when a player does
+    progress: Callable[[float], None] | None = None  # gets simulated seconds since the start
+
+
+class Launcher:
+    """Checks the whole graph before anything is started.
+
+    Raises:
+        ValueError: one sentence for an unknown executable, a bad parameter, a missing file.
+    """
+
+    def __init__(self, graph: Graph, run: Run, log: Callable[[str, str], None]) -> None:
+        self._graph, self._run, self._log = graph, run, log
+        if run.record and run.record.exists():
+            raise ValueError(f"bag {run.record} exists already: choose another name or remove it")
+        wirings = [wire(node) for node in graph.nodes]
+        self._wirings = upstream_first(wirings)
+        self._sim_time = graph.clock_rate > 0 or not run.clock
+        self._start_ns = _start_ns(wirings)
+        self._recorder = self._recorder_node() if run.record else None
+        everything = [*([self._recorder] if self._recorder else []), *graph.nodes, *run.extra]
+        self._commands = {node.full_name: self._command(node) for node in everything}
+        self._ours = [n.full_name for n in everything if n.executable in (*SOURCES, *STAGES, "recorder")]
+        self._processes: dict[str, NodeProcess] = {}
+        self._stopped = False
+
+    def run(self) -> int:
+        """Runs the graph to its end; returns the exit code: 0 when no node failed."""
+        memory = SharedMemory()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+        rclpy.init(args=["launcher"], signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node(f"uwloc_launcher_{os.getpid()}")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._clock = self._node.create_publisher(Clock, "/clock", 10) if self._run.clock and self._sim_time else None
+        try:
+            for name, command in self._commands.items():
+                self._processes[name] = NodeProcess(name, command, self._log)
+            self._sync = SyncClient(self._node, self._executor, self._ours)
+            return self._go()
+        finally:
+            for process in self._processes.values():  # what an error left running
+                process.stop()
+            self._executor.shutdown()
+            self._node.destroy_node()
+            rclpy.try_shutdown()
+            memory.clean()
+
+    # --- phases ---
+
+    def _go(self) -> int:
+        if not self._wait_ready():
+            return 0 if self._stopped else 1
+        code = self._drive()
+        return max(code, self._stop_in_order())
+
+    def _wait_ready(self) -> bool:
+        """Every node answers, and every connection between them is made."""
+        limit = time.monotonic() + _READY_S
+        wrong = ["nothing has started"]
+        while wrong and not self._stopped:
+            wrong = self._sync.until(self._ours, lambda reports: unmatched(reports, {}), timeout_s=0.3)
+            ended = [f"{n} has ended" for n, p in self._processes.items() if p.exit_code() is not None]
+            if ended or (wrong and time.monotonic() > limit):
+                self._log("launcher", f"not ready: {'; '.join(ended or wrong)}")
+                return False
+        if not self._stopped:
+            self._log("launcher", f"{len(self._processes)} nodes are ready")
+        return not self._stopped
+
+    def _drive(self) -> int:
+        """Advances /clock (if it is ours) and watches the nodes until the end."""
+        begun = time.monotonic()
+        while not self._stopped:
+            real = time.monotonic() - begun
+            now = real * self._graph.clock_rate if self._clock else real
+            if self._run.duration and now >= self._run.duration:
+                break
+            if self._clock:
+                self._clock.publish(_clock(self._start_ns + int(now * 1e9)))
+            if self._run.progress:
+                self._run.progress(now)
+            ended = self._watch()
+            if ended is not None:
+                return ended
+            self._executor.spin_once(timeout_sec=_TICK_S)
+            time.sleep(max(0.0, begun + real + _TICK_S - time.monotonic()))
+        if self._clock and self._run.duration:
+            self._clock.publish(_clock(self._start_ns + int(self._run.duration * 1e9)))
+        return 0
+
+    def _watch(self) -> int | None:
+        """The exit code when the run is over because a node ended for good."""
+        for name, process in self._processes.items():
+            code = process.watch()
+            if code == 0 and name.endswith("player"):
+                return 0
+            if code == USER_ERROR:
+                self._log("launcher", f"{name} has given up: stopping")
+                return 1
+            if code == 0:
+                self._log("launcher", f"{name} has ended: stopping")
+                return 0
+        return None
+
+    def _stop_in_order(self) -> int:
+        """Drivers first, then estimators down the data flow, each after it has had all its input; recorder last."""
+        code = 0
+        drivers = [n.full_name for n in self._graph.nodes if n.executable in SOURCES]
+        estimators = [w.node.full_name for w in self._wirings if w.node.executable in STAGES]
+        self._drain()
+        for name in estimators:
+            self._sync.ask([name], finish=True, timeout_s=5.0)
+            self._drain()
+        others = [name for name in self._processes if name not in (*drivers, *estimators)]
+        recorder = [self._recorder.full_name] if self._recorder else []
+        for name in (*drivers, *estimators, *[n for n in others if n not in recorder], *recorder):
+            ended = self._processes[name].stop()
+            if ended not in (0, -signal.SIGINT, -signal.SIGTERM):
+                self._log("launcher", f"{name} ended with exit code {ended}")
+                code = 1
+        restarted = {name: p.restarts for name, p in self._processes.items() if p.restarts}
+        for name, count in restarted.items():
+            self._log("launcher", f"{name} had to be started again {count} times")
+        return 1 if restarted else code
+
+    def _drain(self) -> None:
+        """Waits until everything that was published has been taken by whoever subscribes."""
+        alive = [name for name in self._ours if self._processes[name].exit_code() is None]
+        wrong = self._sync.until(alive, lambda reports: outstanding(reports, {}), _DRAIN_S)
+        if wrong:
+            self._log("launcher", f"lost on the way: {'; '.join(wrong)}")
+
+    def _on_signal(self, _number: int, _frame: Any) -> None:
+        self._stopped = True
+
+    # --- commands ---
+
+    def _command(self, node: GraphNode) -> list[str]:
+        program = _program(node, self._graph.path)
+        arguments = ["--ros-args", "--disable-external-lib-logs", "-r", f"__node:={node.name}"]
+        arguments += ["-r", f"__ns:={node.namespace}"]
+        for old, new in node.remap.items():
+            arguments += ["-r", f"{old}:={new}"]
+        if node.params_file:
+            arguments += ["--params-file", str(node.params_file)]
+        for key, value in self._overrides(node).items():
+            arguments += ["-p", f"{key}:={value}"]
+        return program + arguments
+
+    def _overrides(self, node: GraphNode) -> dict[str, Any]:
+        overrides: dict[str, Any] = {"use_sim_time": str(self._sim_time).lower()}
+        wiring = next((w for w in self._wirings if w.node is node), None)
+        if isinstance(wiring, DriverWiring):
+            overrides["scenario"] = wiring.scenario_file
+            if not self._sim_time:  # one start for all drivers, soon after they are up
+                overrides["start_time"] = int(time.time()) + 15
+        if wiring is None:  # the recorder and what came with the run: their parameters are given here
+            overrides |= node.params
+        return overrides
+
+    def _recorder_node(self) -> GraphNode:
+        assert self._run.record is not None
+        outputs = [(topic, o) for wiring in self._wirings for topic, o in wiring.outputs.items()]
+        pairs = [f"{topic} {codec(o.kind).msgtype}" for topic, o in outputs]
+        pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
+        latched = [topic for topic, o in outputs if o.latched]
+        known = all(w.node.executable in (*SOURCES, *STAGES) for w in self._wirings)
+        params: dict[str, Any] = {"bag": self._run.record}
+        if known:  # with nodes of other packages in the graph, the recorder has to look what appears
+            params |= {"topics": f"[{', '.join(pairs)}]"}
+            params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
+        return GraphNode("recorder", "recorder", "/", None, {}, params)
+
+
+def _start_ns(wirings: Sequence[Wiring]) -> int:
+    starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, DriverWiring)}
+    return min(starts) if starts else time.time_ns()
+
+
+def _program(node: GraphNode, graph: Path) -> list[str]:
+    if node.executable in (*SOURCES, *STAGES, *_OURS):
+        return [sys.executable, "-m", __package__, node.executable]
+    package, _, executable = node.executable.partition("/")
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        path = Path(prefix, "lib", package, executable)
+        if executable and prefix and path.is_file():
+            return [str(path)]
+    raise ValueError(
+        f"graph {graph}: executable '{node.executable}' of node {node.full_name} is unknown: it must be one of"
+        f" {', '.join((*SOURCES, *STAGES, *_OURS))}, or package/executable of an installed ROS 2 package"
+    )
+
+
+def _clock(t_ns: int) -> Clock:
+    message = Clock()
+    message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+    return message

@@ -1,0 +1,99 @@
+"""The adapter: any stage as a live node. Messages in, core types through the runner, messages out."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import rclpy
+
+from ..config import build
+from ..stages.catalog import stage_class
+from ..stages.runner import Refusal, Runner, RunnerConfig, split_config
+from ..wire.codec import codec
+from .diagnostics import Diagnostics, InputWatch
+from .endpoints import Publishers, Subscriptions, SyncService
+from .markers import Markers
+from .parameters import declare, given_parameters, on_change
+from .spin import Stop
+
+
+class StageNode:
+    """An estimator node; parameters, diagnostics, markers and `~/sync` are the same for all."""
+
+    def __init__(self, executable: str) -> None:
+        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        cls = stage_class(executable)
+        self._cls = cls
+        self._config, shared = self._configure()
+        self._log = self.node.get_logger()
+        self._told: dict[str, float] = {}
+        self._runner = Runner(lambda: cls(self._config), shared.lateness, self._tell)  # type: ignore[call-arg]
+        self._publishers = Publishers(self.node, self._runner.stage.outputs)
+        self._subscriptions = Subscriptions(self.node)
+        for wanted in self._runner.stage.inputs:
+            self._subscriptions.add(wanted.topic, codec(wanted.kind).msgtype, wanted.latched, self._take)
+        self._decode = {wanted.topic: codec(wanted.kind).decode for wanted in self._runner.stage.inputs}
+        self._markers = Markers(self.node)
+        self._watch = InputWatch()
+        Diagnostics(self.node, self._status)
+        SyncService(self.node, self._report, self._finish)
+        on_change(self.node, self._config, self._change)
+
+    def idle(self) -> float:
+        """Nothing to do between callbacks."""
+        return 0.1
+
+    def close(self) -> None:
+        """Hands out what the sequencer holds, and waits until it has arrived."""
+        self._finish()
+        self._publishers.wait_acknowledged()
+
+    def _configure(self) -> tuple[Any, RunnerConfig]:
+        where = f"node {self.node.get_fully_qualified_name()}"
+        own, shared = split_config(given_parameters(self.node))
+        try:
+            config: Any = build(self._cls.Config, own, where)
+            runner = build(RunnerConfig, shared, where)
+            self._cls(config)  # type: ignore[call-arg]
+        except ValueError as error:
+            raise Stop(1, str(error)) from None
+        declare(self.node, config)
+        declare(self.node, runner)
+        return config, runner
+
+    def _take(self, topic: str, message: Any) -> None:
+        self._watch.heard()
+        try:
+            value = self._decode[topic](message, self.node.get_clock().now().nanoseconds)
+        except ValueError as error:
+            self._runner.malformed(topic, str(error))
+            return
+        self._send(self._runner.push(topic, value))
+
+    def _send(self, emissions: Any) -> None:
+        for topic, value in emissions:
+            self._publishers.send(topic, value)
+            self._markers.show(topic, value)
+
+    def _finish(self) -> None:
+        self._send(self._runner.flush())
+
+    def _change(self, config: Any) -> None:
+        self._config = config
+        self._runner.stage.change(config)
+        self._log.info("parameters changed")
+
+    def _tell(self, refusal: Refusal) -> None:
+        """One log line per topic and second at most; the counts are complete in diagnostics."""
+        now = time.monotonic()
+        if now - self._told.get(refusal.topic, -1e9) > 1.0:
+            self._told[refusal.topic] = now
+            self._log.warning(f"{refusal.topic}: {refusal.sentence}")
+
+    def _status(self) -> Any:
+        return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts)
+
+    def _report(self) -> dict[str, Any]:
+        counts = [{"topic": t, "what": w, "count": n} for (t, w), n in self._runner.counts.items()]
+        return {"out": self._publishers.report(), "in": self._subscriptions.report(), "counts": counts}

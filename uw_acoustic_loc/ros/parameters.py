@@ -1,0 +1,83 @@
+"""ROS parameters of a node from its config dataclasses: declared with ranges, checked by the one builder."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ..config import build, limits_of
+from ..wiring import OF_RCLPY
+
+
+def given_parameters(node: Node) -> dict[str, Any]:
+    """What the command line and params-files gave, without rclpy's own parameters."""
+    given: dict[str, Any] = node.get_parameters_by_prefix("")
+    return {
+        name: parameter.value
+        for name, parameter in given.items()
+        if name not in OF_RCLPY and not name.startswith("qos_overrides.")
+    }
+
+
+def declare(node: Node, config: Any) -> None:
+    """Declares every field of a config with its value, unit and range (replacing what rclpy declared untyped)."""
+    for field in dataclasses.fields(config):
+        if node.has_parameter(field.name):
+            node.undeclare_parameter(field.name)
+        value = getattr(config, field.name)
+        value = list(value) if isinstance(value, tuple) else value
+        node.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
+
+
+def on_change(node: Node, config: Any, apply: Callable[[Any], None]) -> None:
+    """Checks run-time changes with the builder, refuses what cannot change, and hands `apply` the new config."""
+    current = [config]
+    changeable = {f.name for f in dataclasses.fields(config) if limits_of(f).changeable}
+    known = {f.name for f in dataclasses.fields(config)}
+
+    def rebuilt(parameters: list[Parameter]) -> Any:
+        values = {f.name: getattr(current[0], f.name) for f in dataclasses.fields(config)}
+        values |= {p.name: p.value for p in parameters if p.name in known}
+        return build(type(config), values, f"node {node.get_fully_qualified_name()}")
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name in known - changeable:
+                reason = f"{parameter.name} cannot change while the node runs, only {', '.join(sorted(changeable))} can"
+                return SetParametersResult(successful=False, reason=reason)
+        try:
+            rebuilt(parameters)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def changed(parameters: list[Parameter]) -> None:
+        if any(parameter.name in known for parameter in parameters):
+            current[0] = rebuilt(parameters)
+            apply(current[0])
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(changed)
+
+
+def _descriptor(field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
+    limits = limits_of(field)
+    text = ", ".join(part for part in (limits.doc, limits.unit) if part)
+    # An empty list has no type of its own in rclpy, and 3 may be meant as 3.0: the builder checks types instead.
+    descriptor = ParameterDescriptor(
+        name=field.name, description=text, dynamic_typing=not isinstance(value, str | bool)
+    )
+    descriptor.additional_constraints = f"one of {', '.join(limits.choices)}" if limits.choices else ""
+    if isinstance(value, float) and (limits.low > -math.inf or limits.high < math.inf):
+        low, high = max(limits.low, -1.7e308), min(limits.high, 1.7e308)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif isinstance(value, int) and not isinstance(value, bool) and limits.low > -math.inf:
+        high = int(min(limits.high, 2**63 - 1))
+        descriptor.integer_range = [IntegerRange(from_value=int(limits.low), to_value=high)]
+    return descriptor

@@ -1,0 +1,143 @@
+"""Plays a bag to live nodes over DDS, with /clock, and waits until they have processed every message.
+
+The flow is bounded by credit: after each window of messages the player asks the consumers, over `~/sync`, what they
+have taken, and goes on when nothing is outstanding. So nothing is lost however slow a node is, whichever middleware
+carries the messages, and the nodes never see their inputs further apart than a window.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rosgraph_msgs.msg import Clock
+
+from ..bag.reader import Bag, Record
+from ..config import build, param
+from .parameters import declare, given_parameters
+from .spin import Stop
+from .sync import Reports, SyncClient, outstanding, unmatched
+from .types import message_class, subscriber_qos
+
+_WINDOW = 200  # messages outstanding at most: well below the readers' depth
+_WINDOW_NS = 250_000_000  # and no more of the bag's time: half of what inputs wait for each other
+
+
+@dataclass(frozen=True)
+class PlayerConfig:
+    """What is played, how fast, and to whom."""
+
+    bag: str = param(doc="rosbag2 folder or .mcap file")
+    rate: float = param(1.0, unit="x real time", low=0.0, high=1000.0, doc="0 = as fast as the consumers go")
+    topics: tuple[str, ...] = param((), doc="topics to play; empty = all")
+    consumers: tuple[str, ...] = param((), doc="full names of nodes of this package to wait for")
+    timeout: float = param(60.0, unit="s", low=1.0, doc="how long the consumers may take for a window")
+
+
+class PlayerNode:
+    """Plays once, then exits with code 0; with code 1 and a sentence when consumers do not follow."""
+
+    def __init__(self, executable: str) -> None:
+        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        try:
+            where = f"node {self.node.get_fully_qualified_name()}"
+            self._config = build(PlayerConfig, given_parameters(self.node), where)
+            self._bag = Bag(Path(self._config.bag))
+        except ValueError as error:
+            raise Stop(1, str(error)) from None
+        declare(self.node, self._config)
+        self._own_executor = SingleThreadedExecutor()
+        self._service_node = rclpy.create_node(f"{self.node.get_name()}_sync", use_global_arguments=False)
+        self._own_executor.add_node(self._service_node)
+        self._sync = SyncClient(self._service_node, self._own_executor, list(self._config.consumers))
+        self._clock = self.node.create_publisher(Clock, "/clock", 10)
+        self._publishers = {
+            topic.name: self.node.create_publisher(
+                message_class(topic.msgtype),
+                topic.name,
+                subscriber_qos(topic.latched),  # as deep as the readers
+            )
+            for topic in self._bag.topics.values()
+            if not self._config.topics or topic.name in self._config.topics
+        }
+        self._sent: Counter[str] = Counter()
+        self._plan = self._play()
+
+    def idle(self) -> float:
+        """Plays the next window."""
+        wait = next(self._plan, None)
+        if wait is None:
+            raise Stop(0, f"played {sum(self._sent.values())} messages of {self._config.bag}")
+        return wait
+
+    def close(self) -> None:
+        """Waits until all has arrived."""
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=3))
+        self._own_executor.shutdown()
+        self._service_node.destroy_node()
+
+    def _play(self) -> Iterator[float]:
+        self._await(self._unmatched, "the nodes are not connected")
+        begun, first_ns = time.monotonic(), 0
+        for window in _windows(self._bag.records(list(self._publishers))):
+            first_ns = first_ns or window[0].t_ns
+            while (ahead := self._ahead(window[0].t_ns - first_ns, begun)) > 0:
+                yield min(ahead, 0.05)
+            for record in window:
+                self._publishers[record.topic].publish(record.data)
+                self._sent[record.topic] += 1
+            self._clock.publish(_clock(window[-1].t_ns))
+            self._await(self._outstanding, "messages were not processed")
+            yield 0.0
+        for damage in self._bag.damage:
+            self.node.get_logger().error(damage)
+        for name in self._config.consumers:  # in the order of the data flow: each may still hand on what it held
+            self._sync.ask([name], finish=True, timeout_s=self._config.timeout)
+            self._await(self._outstanding, "messages were not processed")
+
+    def _ahead(self, bag_ns: int, begun: float) -> float:
+        """Seconds until an instant of the bag is due."""
+        if self._config.rate == 0:
+            return 0.0
+        return begun + bag_ns * 1e-9 / self._config.rate - time.monotonic()
+
+    def _await(self, good: Any, what: str) -> None:
+        wrong = self._sync.until(list(self._config.consumers), good, self._config.timeout)
+        if wrong:
+            raise Stop(1, f"player: {what} within {self._config.timeout:g} s: {'; '.join(wrong)}")
+
+    def _unmatched(self, reports: Reports) -> list[str]:
+        wrong = unmatched(reports, dict.fromkeys(self._publishers, 1))
+        readers = Counter(topic for report in reports.values() for topic in report["in"])
+        for topic, publisher in self._publishers.items():
+            if publisher.get_subscription_count() < readers[topic]:
+                wrong.append(f"{topic} reaches {publisher.get_subscription_count()} of {readers[topic]} readers")
+        return wrong
+
+    def _outstanding(self, reports: Reports) -> list[str]:
+        return outstanding(reports, self._sent)
+
+
+def _windows(records: Iterator[Record]) -> Iterator[list[Record]]:
+    window: list[Record] = []
+    for record in records:
+        if window and (len(window) >= _WINDOW or record.t_ns - window[0].t_ns >= _WINDOW_NS):
+            yield window
+            window = []
+        window.append(record)
+    if window:
+        yield window
+
+
+def _clock(t_ns: int) -> Clock:
+    message = Clock()
+    message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+    return message

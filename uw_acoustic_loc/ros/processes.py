@@ -1,0 +1,128 @@
+"""One operating system process per node: started, its log prefixed, restarted when it crashes, stopped in order."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+_BACKOFF_S = (0.1, 0.5, 1.0, 2.0, 5.0)
+_PATIENCE_S = 5.0  # for each of SIGINT, SIGTERM
+USER_ERROR = 1  # the exit code of a node that has said in one sentence what is wrong: starting it again cannot help
+
+
+class NodeProcess:
+    """A node's process; `log` gets its lines."""
+
+    def __init__(self, name: str, command: list[str], log: Callable[[str, str], None]) -> None:
+        self.name, self._command, self._log = name, command, log
+        self.restarts = 0
+        self._restart_at = 0.0
+        self._start()
+
+    def _start(self) -> None:
+        self._process = subprocess.Popen(
+            self._command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            errors="replace",
+            env=_environment(self._command),
+            start_new_session=True,  # Ctrl-C in the terminal reaches the launcher alone, which stops nodes in order
+        )
+        self._pump = threading.Thread(target=self._read, args=(self._process,), daemon=True)
+        self._pump.start()
+        self._begun = time.monotonic()
+
+    def _read(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            self._log(self.name, line.rstrip())
+
+    @property
+    def pid(self) -> int:
+        """Of the process that runs now."""
+        return self._process.pid
+
+    def exit_code(self) -> int | None:
+        """None while it runs; negative for a signal."""
+        return self._process.poll()
+
+    def watch(self) -> int | None:
+        """Restarts a crashed process after a back-off. Returns the exit code when it ended and stays ended."""
+        code = self.exit_code()
+        if code is None or code in (0, USER_ERROR):
+            return code
+        now = time.monotonic()
+        if not self._restart_at:
+            wait = _BACKOFF_S[min(self.restarts, len(_BACKOFF_S) - 1)]
+            self._log(self.name, f"{_ended(code)}, starting it again in {wait:g} s")
+            self._restart_at = now + wait
+        elif now >= self._restart_at:
+            self.restarts, self._restart_at = self.restarts + 1, 0.0
+            self._start()
+        return None
+
+    def stop(self) -> int:
+        """SIGINT, then SIGTERM, then SIGKILL; returns the exit code."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if self._process.poll() is None:
+                self._process.send_signal(number)
+                try:
+                    self._process.wait(_PATIENCE_S)
+                except subprocess.TimeoutExpired:
+                    self._log(self.name, f"does not stop on {number.name}")
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
+        self._pump.join(1.0)
+        return self._process.returncode
+
+
+def _ended(code: int) -> str:
+    return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"crashed with exit code {code}"
+
+
+def _environment(command: list[str]) -> dict[str, str]:
+    """One thread per node for linear algebra: many small matrices, many nodes on few cores."""
+    environment = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1", **os.environ}
+    if command[0] != sys.executable:  # the wheels' start-up guard belongs to this interpreter
+        environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    return environment
+
+
+class SharedMemory:
+    """Fast DDS's files in /dev/shm: a killed process leaves its own behind."""
+
+    _FOLDER = Path("/dev/shm")
+
+    def __init__(self) -> None:
+        self._before = self._files()
+
+    def clean(self) -> None:
+        """Removes what appeared since and no process maps any more."""
+        left = self._files() - self._before
+        if not left:
+            return
+        mapped = "".join(_text(path) for path in Path("/proc").glob("[0-9]*/maps"))
+        for name in left:
+            if name not in mapped:
+                (self._FOLDER / name).unlink(missing_ok=True)
+
+    def _files(self) -> set[str]:
+        if not self._FOLDER.is_dir():
+            return set()
+        return {path.name for path in self._FOLDER.iterdir() if "fastrtps_" in path.name or "fastdds_" in path.name}
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError:  # the process has ended, or belongs to someone else
+        return ""

@@ -1,0 +1,106 @@
+"""Records topics into an MCAP bag: raw CDR bytes, at the time of the node's clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import rclpy
+
+from ..bag.writer import BagWriter
+from ..config import build, param
+from ..contract import Status
+from .diagnostics import Diagnostics
+from .endpoints import Subscriptions, SyncService
+from .parameters import declare, given_parameters
+from .spin import Stop
+
+_NOT_RECORDED = ("/clock", "/parameter_events", "/rosout")
+_DISCOVERY_S = 0.2
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """What is recorded, and where to."""
+
+    bag: str = param(doc="folder to be made")
+    topics: tuple[str, ...] = param((), doc="'name type' pairs to record; empty = every topic that appears")
+    latched: tuple[str, ...] = param((), doc="names among topics that are latched")
+
+
+class RecorderNode:
+    """A bag with everything that was heard; a full disk ends the recording with exit code 1 and a readable bag."""
+
+    def __init__(self, executable: str) -> None:
+        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        where = f"node {self.node.get_fully_qualified_name()}"
+        try:
+            self._config = build(RecorderConfig, given_parameters(self.node), where)
+            self._writer = BagWriter(Path(self._config.bag), {"made_by": "recorder"})
+        except ValueError as error:
+            raise Stop(1, str(error)) from None
+        declare(self.node, self._config)
+        self._subscriptions = Subscriptions(self.node)
+        self._known: set[str] = set()
+        self._early: list[tuple[str, bytes]] = []  # latched values that come before simulated time starts
+        for pair in self._config.topics:
+            name, msgtype = pair.split()
+            self._add(name, msgtype, name in self._config.latched)
+        if not self._config.topics:
+            self.node.create_timer(_DISCOVERY_S, self._discover)
+        Diagnostics(self.node, self._status)
+        SyncService(self.node, self._report, lambda: None)
+
+    def idle(self) -> float:
+        """Nothing to do between callbacks."""
+        return 0.1
+
+    def close(self) -> None:
+        """Finishes the bag."""
+        self._write_early(self.node.get_clock().now().nanoseconds)
+        self._guard(self._writer.close)
+
+    def _discover(self) -> None:
+        for name, types in self.node.get_topic_names_and_types():
+            if name not in self._known and name not in _NOT_RECORDED:
+                offers = self.node.get_publishers_info_by_topic(name)
+                latched = any(offer.qos_profile.durability.name == "TRANSIENT_LOCAL" for offer in offers)
+                if offers:
+                    self._add(name, types[0], latched)
+
+    def _add(self, name: str, msgtype: str, latched: bool) -> None:
+        self._known.add(name)
+        try:
+            self._subscriptions.add(name, msgtype, latched, self._take, raw=True)
+        except ValueError as error:
+            self.node.get_logger().warning(f"{name} is not recorded: {error}")
+            return
+        self._writer.add_topic(name, msgtype, latched)
+
+    def _take(self, topic: str, data: bytes) -> None:
+        now_ns = self.node.get_clock().now().nanoseconds
+        if now_ns <= 0:
+            self._early.append((topic, data))
+            return
+        self._write_early(now_ns)
+        self._guard(lambda: self._writer.write(topic, now_ns, data))
+
+    def _write_early(self, now_ns: int) -> None:
+        for topic, data in self._early:
+            self._writer.write(topic, now_ns, data)
+        self._early.clear()
+
+    def _guard(self, write: Any) -> None:
+        try:
+            write()
+        except OSError as error:
+            raise Stop(
+                1, f"bag {self._config.bag}: recording stopped, {error.strerror}; what was written is kept"
+            ) from None
+
+    def _status(self) -> Status:
+        return Status(values={f"{topic} recorded": count for topic, count in self._writer.counts.items()})
+
+    def _report(self) -> dict[str, Any]:
+        return {"out": {}, "in": self._subscriptions.report(), "recorded": self._writer.counts}

@@ -1,0 +1,63 @@
+"""The main() of every process: signals set a flag, the loop ends, everything is torn down in order."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from typing import Protocol
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+
+class Stop(Exception):
+    """Ends the process from within: exit code, and one sentence for stderr."""
+
+    def __init__(self, code: int, sentence: str = "") -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class Program(Protocol):
+    """What runs in a process: a node, work between its callbacks, and an orderly end."""
+
+    node: Node
+
+    def idle(self) -> float:
+        """Called after every wake-up; returns how long the next wait may be, in s."""
+
+    def close(self) -> None: ...
+
+
+def run(make_program: Callable[[], Program], args: list[str]) -> int:
+    """Spins a program until SIGINT, SIGTERM or Stop; returns the exit code."""
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda signum, _frame: signals.append(signum))
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        _spin(make_program(), signals)
+    except Stop as stop:
+        if str(stop):
+            print(stop, file=sys.stderr)
+        return stop.code
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _spin(program: Program, signals: list[int]) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(program.node)
+    try:
+        while not signals:
+            executor.spin_once(timeout_sec=program.idle())
+    except ExternalShutdownException:
+        pass
+    finally:
+        program.close()
+        executor.shutdown()
+        program.node.destroy_node()

@@ -1,0 +1,87 @@
+"""Asks nodes, over their `~/sync` services, what they have taken and sent."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+
+class SyncClient:
+    """Calls `~/sync` of several nodes at once; used by whoever waits for them."""
+
+    def __init__(self, node: Node, executor: Executor, names: list[str]) -> None:
+        self._executor = executor
+        self._clients = {name: node.create_client(SetBool, f"{name}/sync") for name in names}
+
+    def waiting_for(self) -> list[str]:
+        """Nodes whose service has not been discovered."""
+        return [name for name, client in self._clients.items() if not client.service_is_ready()]
+
+    def ask(self, names: list[str], finish: bool, timeout_s: float) -> dict[str, dict[str, Any]]:
+        """Reports of the nodes that answered within the limit, by name."""
+        futures = {name: self._clients[name].call_async(SetBool.Request(data=finish)) for name in names}
+        limit = time.monotonic() + timeout_s
+        while time.monotonic() < limit and not all(future.done() for future in futures.values()):
+            self._executor.spin_once(timeout_sec=0.05)
+        for name, future in futures.items():
+            if not future.done():
+                self._clients[name].remove_pending_request(future)
+        return {name: json.loads(future.result().message) for name, future in futures.items() if future.done()}
+
+    def until(
+        self, names: list[str], good: Callable[[dict[str, dict[str, Any]]], list[str]], timeout_s: float
+    ) -> list[str]:
+        """Asks again and again until `good` finds nothing wrong; returns what was still wrong at the limit."""
+        limit = time.monotonic() + timeout_s
+        while True:
+            silent = [name for name in names if not self._clients[name].service_is_ready()]
+            wrong = [f"{name} does not answer" for name in silent]
+            if not silent:
+                reports = self.ask(names, finish=False, timeout_s=max(0.1, limit - time.monotonic()))
+                wrong = [f"{name} does not answer" for name in names if name not in reports] or good(reports)
+            if not wrong or time.monotonic() > limit:
+                return wrong
+            self._executor.spin_once(timeout_sec=0.02)
+
+
+Reports = Mapping[str, Mapping[str, Any]]
+
+
+def unmatched(reports: Reports, writers: Mapping[str, int]) -> list[str]:
+    """Connections between the reporting nodes (and others that write `writers`) that are not made yet."""
+    expected = Counter(writers)
+    for report in reports.values():
+        expected.update(report["out"].keys())
+    readers = Counter(topic for report in reports.values() for topic in report["in"])
+    wrong = [
+        f"{name} hears {seen['writers']} of {expected[topic]} writers of {topic}"
+        for name, report in reports.items()
+        for topic, seen in report["in"].items()
+        if seen["writers"] < expected[topic]
+    ]
+    return wrong + [
+        f"{name} reaches {out['readers']} of {readers[topic]} readers of {topic}"
+        for name, report in reports.items()
+        for topic, out in report["out"].items()
+        if out["readers"] < readers[topic]
+    ]
+
+
+def outstanding(reports: Reports, sent: Mapping[str, int]) -> list[str]:
+    """Inputs of the reporting nodes that have not taken all that they, and others (`sent`), have published."""
+    expected = Counter(sent)
+    for report in reports.values():
+        expected.update({topic: out["sent"] for topic, out in report["out"].items()})
+    return [
+        f"{name} took {seen['taken']} of {expected[topic]} on {topic}"
+        for name, report in reports.items()
+        for topic, seen in report["in"].items()
+        if seen["taken"] < expected[topic]
+    ]

@@ -1,0 +1,54 @@
+"""rclpy's message classes behind the same `Make` that the offline run uses, and QoS profiles."""
+
+from __future__ import annotations
+
+from array import array
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+# A subscriber is allowed to fall this far behind before it loses messages; a publisher keeps 10.
+READER_DEPTH = 1000
+
+
+@cache
+def message_class(msgtype: str) -> Any:
+    """The class of a type such as ``nav_msgs/msg/Odometry``.
+
+    Raises:
+        ValueError: the type is not installed.
+    """
+    package, kind, name = msgtype.split("/")
+    try:
+        return getattr(import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError):
+        raise ValueError(f"message type {msgtype} is not installed") from None
+
+
+class RosMake:
+    """Builds rclpy messages (see wire.messages.Make)."""
+
+    def __call__(self, msgtype: str, **fields: Any) -> Any:
+        return message_class(msgtype)(**fields)
+
+    def octets(self, data: bytes) -> array[int]:
+        """An array of bytes: the only form that rclpy's setter takes without looking at every element."""
+        octets = array("B")
+        octets.frombytes(data)
+        return octets
+
+
+def publisher_qos(latched: bool) -> QoSProfile:
+    """Reliable; latched topics keep their last value for whoever comes later."""
+    if latched:
+        return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
+    return QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def subscriber_qos(latched: bool) -> QoSProfile:
+    """Reliable, and deep enough for a reader that is held up."""
+    if latched:
+        return publisher_qos(latched=True)
+    return QoSProfile(depth=READER_DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)

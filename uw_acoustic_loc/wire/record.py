@@ -1,0 +1,108 @@
+"""The record codec: numpy columns <-> sensor_msgs/PointCloud2 rows, driven by msg_defs/*.msg.
+
+The layout file is the only place that knows a record's columns and types. A message may carry them in any order and
+with padding; it must carry all of them, with the declared type.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ..core.types import AnyArray
+from ..resources import resource
+
+# PointField.datatype of each numpy type
+_DATATYPES = {"int8": 1, "uint8": 2, "int16": 3, "uint16": 4, "int32": 5, "uint32": 6, "float32": 7, "float64": 8}
+_NUMPY = {code: np.dtype(name) for name, code in _DATATYPES.items()}
+
+# The converter's counts may take the place of pressures (HydrophoneSample.msg).
+_ALSO = {"HydrophoneSample": {"float32": "int16"}}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A record's columns in order, with their numpy types, and a second type that a column may have."""
+
+    name: str
+    columns: tuple[tuple[str, str], ...]
+
+    def allowed(self, kind: str) -> tuple[str, ...]:
+        """The types that a column declared as `kind` may have."""
+        also = _ALSO.get(self.name, {}).get(kind)
+        return (kind, also) if also else (kind,)
+
+
+@cache
+def layout(name: str) -> Layout:
+    """The layout declared in msg_defs/<name>.msg."""
+    columns = []
+    for line in resource(f"msg_defs/{name}.msg").read_text().splitlines():
+        statement = line.split("#")[0].strip()
+        if statement:
+            kind, column = re.split(r"\s+", statement)
+            columns.append((column, kind))
+    return Layout(name, tuple(columns))
+
+
+def pack(name: str, columns: dict[str, AnyArray]) -> AnyArray:
+    """Structured rows (N,) of the record from its columns (each (N,)); a type that may stand stays as it is."""
+    plan = layout(name)
+    kinds = []
+    for column, kind in plan.columns:
+        own = columns[column].dtype.name
+        kinds.append((column, own if own in plan.allowed(kind) else kind))
+    rows = np.empty(len(columns[plan.columns[0][0]]), dtype=kinds)
+    for column, _ in plan.columns:
+        rows[column] = columns[column]
+    return rows
+
+
+def fields(rows: AnyArray) -> list[dict[str, Any]]:
+    """PointField contents of structured rows."""
+    names = rows.dtype.names or ()
+    described = [(name, *rows.dtype.fields[name][:2]) for name in names]  # type: ignore[index]
+    return [
+        {"name": name, "offset": int(offset), "datatype": _DATATYPES[kind.name], "count": 1}
+        for name, kind, offset in described
+    ]
+
+
+def unpack(name: str, msg: Any) -> dict[str, AnyArray]:
+    """Columns of a PointCloud2 message, as views of its data.
+
+    Raises:
+        ValueError: a column is missing or has another type, or the data do not have the length that they declare.
+    """
+    plan = layout(name)
+    given = {field.name: field for field in msg.fields}
+    for column, kind in plan.columns:
+        _check(name, column, plan.allowed(kind), given.get(column), msg.point_step)
+    rows = int(msg.width) * int(msg.height)
+    data = msg.data
+    if len(data) != rows * msg.point_step:
+        raise ValueError(f"{name}: data must have {rows} x {msg.point_step} bytes, got {len(data)}")
+    kinds = [_NUMPY[given[column].datatype] for column, _ in plan.columns]
+    table: Any = {
+        "names": [column for column, _ in plan.columns],
+        "formats": [kind.newbyteorder(">" if msg.is_bigendian else "<") for kind in kinds],
+        "offsets": [given[column].offset for column, _ in plan.columns],
+        "itemsize": msg.point_step,
+    }
+    view = np.frombuffer(data, dtype=np.dtype(table), count=rows)
+    return {column: view[column] for column, _ in plan.columns}
+
+
+def _check(record: str, column: str, allowed: tuple[str, ...], field: Any, step: int) -> None:
+    if field is None:
+        raise ValueError(f"{record}: column '{column}' is missing")
+    kind = _NUMPY.get(field.datatype)
+    if kind is None or kind.name not in allowed or field.count != 1:
+        got = kind.name if kind is not None else f"datatype {field.datatype}"
+        raise ValueError(f"{record}: column '{column}' must be {' or '.join(allowed)}, got {got} x {field.count}")
+    if field.offset + kind.itemsize > step:
+        raise ValueError(f"{record}: column '{column}' lies beyond the row of {step} bytes")
