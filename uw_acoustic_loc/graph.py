@@ -115,16 +115,16 @@ def _node(entry: NodeEntry, graph: Path) -> GraphNode:
 def params_of(file: Path, full_name: str) -> dict[str, Any]:
     """The parameters that a params-file gives to a node; later sections win, as in rcl."""
     params: dict[str, Any] = {}
-    for pattern, values in _sections(file).items():
+    for pattern, values in _sections(file):
         if _matches(pattern, full_name):
             params |= _flat(values)
     return params
 
 
-def _sections(file: Path) -> dict[str, Mapping[str, Any]]:
-    """Node name pattern -> parameters; nested namespaces are joined with slashes."""
+def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
+    """Node name patterns with their parameters, in the order of the file; nested namespaces are joined with slashes."""
     content = load_yaml(file, "params-file")
-    found: dict[str, Mapping[str, Any]] = {}
+    found: list[tuple[str, Mapping[str, Any]]] = []
 
     def visit(prefix: str, level: Any) -> None:
         if not isinstance(level, Mapping):
@@ -133,7 +133,7 @@ def _sections(file: Path) -> dict[str, Mapping[str, Any]]:
             if key == "ros__parameters":
                 if not isinstance(value, Mapping):
                     raise ValueError(f"params-file {file}: '{prefix}' ros__parameters must be a mapping, got {value!r}")
-                found[prefix] = value
+                found.append((prefix, value))
             else:
                 visit(f"{prefix}/{str(key).strip('/')}", value)
 
@@ -162,6 +162,6 @@ def _matches(pattern: str, full_name: str) -> bool:
 def _check_sections(file: Path, nodes: tuple[GraphNode, ...]) -> None:
     """A misspelt node name would silently leave a node at its defaults."""
     users = sorted(node.full_name for node in nodes if node.params_file == file)
-    for pattern in _sections(file):
+    for pattern, _ in _sections(file):
         if not any(_matches(pattern, name) for name in users):
             raise ValueError(f"params-file {file}: section '{pattern}' is none of its nodes {', '.join(users)}")

@@ -79,9 +79,8 @@ def process(options: Namespace) -> int:
     with progress("process", (last - first) * 1e-9) as bar:
         counts = run.run(options.output, options.keep_inputs, lambda t_ns: bar((t_ns - first) * 1e-9))
     seconds = time.monotonic() - begun
-    STDERR.print(
-        f"{sum(counts.values())} messages in {options.output}, {(last - first) * 1e-9 / max(seconds, 1e-9):.0f}x real time"
-    )
+    speed = (last - first) * 1e-9 / max(seconds, 1e-9)
+    STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
     tell.summary()
     return _damage(bag.damage)
 
