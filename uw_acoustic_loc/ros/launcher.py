@@ -165,9 +165,9 @@ class Launcher:
         return 1 if restarted else code
 
     def _drain(self) -> None:
-        """Waits until everything that was published has been taken by whoever subscribes."""
-        alive = [name for name in self._ours if self._processes[name].exit_code() is None]
-        wrong = self._sync.until(alive, lambda reports: outstanding(reports, {}), _DRAIN_S)
+        """Waits until everything that was published has been taken by whoever subscribed all the time."""
+        steady = [n for n in self._ours if self._processes[n].exit_code() is None and not self._processes[n].restarts]
+        wrong = self._sync.until(steady, lambda reports: outstanding(reports, {}), _DRAIN_S)
         if wrong:
             self._log("launcher", f"lost on the way: {'; '.join(wrong)}")
 
