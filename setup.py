@@ -54,7 +54,16 @@ setup(
     extras_require={
         # rclpy and the standard messages, for machines without a ROS 2 distribution
         "ros": ["ros-jazzy-rclpy[fastrtps]>=7.1,<8", "ros-jazzy-common-interfaces>=5.3,<6"],
-        "test": ["pytest>=8", "pytest-xdist>=3", "hypothesis>=6", "ruff>=0.6", "mypy>=1.11", "types-PyYAML"],
+        "test": [
+            "pytest>=8",
+            "pytest-xdist>=3",
+            "hypothesis>=6",
+            "ruff>=0.6",
+            "mypy>=1.11",
+            "types-PyYAML",
+            "scipy-stubs",
+            "colcon-common-extensions",
+        ],
     },
     zip_safe=False,
     entry_points={
