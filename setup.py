@@ -31,7 +31,7 @@ def shared(folder: str) -> list[tuple[str, list[str]]]:
 setup(
     name=NAME,
     version="0.1.0",
-    description="Acoustic localization for AUVs: bearings, positions and tracks from sound, live on ROS 2 and from bags",
+    description="Acoustic localization for AUVs: bearings, positions and tracks, live on ROS 2 and from bags",
     license="Apache-2.0",
     author="uw_acoustic_loc maintainers",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),

@@ -1,0 +1,135 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uw_acoustic_loc.contract import Emission, Status
+from uw_acoustic_loc.core.toa import ToaConfig
+from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Scalar
+from uw_acoustic_loc.sim.buoys import BuoySource
+from uw_acoustic_loc.sim.scenario import Scenario, load_scenario
+from uw_acoustic_loc.stages.toa_tracker import ToaTrackerStage
+
+HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
+CONFIG = ToaConfig(bottom_depth=40.0, acceleration_noise=0.25, vertical_acceleration_noise=0.01)
+
+
+def inputs_of(scenario: Scenario) -> list[tuple[str, object]]:
+    return [(t, v) for _, t, v in BuoySource(scenario).events() if t.startswith("buoys/")]
+
+
+def run(config: ToaConfig, messages: list[tuple[str, object]]) -> tuple[ToaTrackerStage, list[Emission]]:
+    stage = ToaTrackerStage(config)
+    handlers = {i.topic: i.handle for i in stage.inputs}
+    return stage, [e for topic, value in messages if topic in handlers for e in handlers[topic](value)]
+
+
+def errors(scenario: Scenario, config: ToaConfig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance (n,), NEES of the position (n,) and error of the sound speed (n,) per ping."""
+    truth = {v.t_ns: v for _, t, v in BuoySource(scenario).events() if t == "/truth/target/odometry"}
+    speed = {v.t_ns: v.value for _, t, v in BuoySource(scenario).events() if t == "/truth/target/sound_speed"}
+    _, emissions = run(config, inputs_of(scenario))
+    found = [v for t, v in emissions if t == "target/odometry"]
+    offsets = [v.position - truth[v.t_ns].position for v in found]
+    nees = [d @ np.linalg.solve(v.pose_cov[:3, :3], d) / 3 for d, v in zip(offsets, found, strict=True)]
+    heard = [v.value - speed[v.t_ns] for t, v in emissions if t == "target/sound_speed"]
+    return np.linalg.norm(offsets, axis=1), np.array(nees), np.array(heard)
+
+
+@pytest.mark.parametrize("cold_start", [True, False])
+@pytest.mark.parametrize("outliers", [0.0, 0.1])
+def test_harbour(cold_start: bool, outliers: float) -> None:
+    config = dataclasses.replace(CONFIG, cold_start=cold_start, initial_position=(0.0, 0.0, -15.0))
+    assert HARBOUR.buoys
+    buoys = dataclasses.replace(HARBOUR.buoys, outlier_fraction=outliers)
+    results = [errors(dataclasses.replace(HARBOUR, seed=seed, buoys=buoys), config) for seed in range(1, 9)]
+    assert all(len(distance) == 121 for distance, _, _ in results)
+    assert np.mean([distance[10:].mean() for distance, _, _ in results]) < 4.0
+    assert 0.7 < np.mean([nees[10:].mean() for _, nees, _ in results]) < 1.4
+    assert np.mean([np.sqrt(np.mean(np.square(speed[10:]))) for _, _, speed in results]) < 1.5
+
+
+def test_outputs_carry_the_stamp_frames_and_unknown_attitude() -> None:
+    messages = inputs_of(HARBOUR)[:2]
+    stage, emissions = run(CONFIG, messages)
+    assert [topic for topic, _ in emissions] == [output.topic for output in stage.outputs]
+    assert [type(value) for _, value in emissions] == [output.kind for output in stage.outputs]
+    assert {value.t_ns for _, value in emissions} == {messages[1][1].t_ns}  # type: ignore[attr-defined]
+    odometry, speed, std = (value for _, value in emissions)
+    assert isinstance(odometry, Odometry)
+    assert isinstance(speed, Scalar)
+    assert (odometry.frame_id, odometry.child_frame_id) == ("map", "base_link")
+    assert odometry.quat_xyzw.tolist() == [0, 0, 0, 1]
+    assert np.all(np.diag(odometry.pose_cov)[3:] >= 1e6)
+    assert np.all(np.linalg.eigvalsh(odometry.twist_cov) > 0)
+    assert std.value > 0
+
+
+def test_receivers_from_parameters_replace_the_topic() -> None:
+    assert HARBOUR.buoys
+    nodes = HARBOUR.buoys.nodes
+    config = dataclasses.replace(
+        CONFIG,
+        receiver_ids=tuple(n.id for n in nodes),
+        receiver_positions=tuple(value for n in nodes for value in (n.x, n.y, n.z)),
+    )
+    stage, emissions = run(config, inputs_of(HARBOUR))
+    assert [i.topic for i in stage.inputs] == ["buoys/arrivals"]
+    reference = run(CONFIG, inputs_of(HARBOUR))[1]
+    assert [v.position.tobytes() for t, v in emissions if t == "target/odometry"] == [
+        v.position.tobytes() for t, v in reference if t == "target/odometry"
+    ]
+
+
+def test_bad_rows_are_counted_under_their_names_and_the_rest_is_used() -> None:
+    messages = inputs_of(HARBOUR)
+    last = messages[-1][1]
+    assert isinstance(last, Arrivals)
+    time, receiver = last.time.copy(), last.receiver.copy()
+    time[0], time[1], receiver[2] = np.nan, -0.1, 99
+    messages[-1] = ("buoys/arrivals", dataclasses.replace(last, time=time, receiver=receiver))
+    stage, emissions = run(CONFIG, messages)
+    values = stage.status().values
+    assert (values["not_finite"], values["negative_time"], values["unknown_receiver"]) == (1, 1, 1)
+    assert values["last_used"] == 5
+    assert np.all(np.isfinite(emissions[-3][1].position))
+
+
+def test_transmitters_are_no_receivers() -> None:
+    positions = inputs_of(HARBOUR)[0][1]
+    assert isinstance(positions, NodePositions)
+    role = positions.role.copy()
+    role[3] = NodePositions.TRANSMITTER
+    stage, _ = run(CONFIG, [("buoys/positions", dataclasses.replace(positions, role=role)), inputs_of(HARBOUR)[1]])
+    assert stage.status().values["unknown_receiver"] == 2
+
+
+def test_status_tells_what_it_is_doing() -> None:
+    messages = inputs_of(HARBOUR)
+    assert ToaTrackerStage(CONFIG).status().message == "waiting for buoys/positions"
+    assert run(CONFIG, messages[:2])[0].status().level == Status.WARN  # acquiring
+    tracking = run(CONFIG, messages)[0].status()
+    assert (tracking.level, tracking.message) == (Status.OK, "tracking")
+    assert 0.5 < float(tracking.values["nis_per_arrival"]) < 3
+
+
+def test_arrivals_without_positions_are_refused() -> None:
+    with pytest.raises(ValueError, match="no buoys/positions yet"):
+        run(CONFIG, inputs_of(HARBOUR)[1:2])
+
+
+def test_a_narrower_gate_rejects_more_from_then_on() -> None:
+    messages = inputs_of(HARBOUR)
+    stage, _ = run(CONFIG, messages[:40])
+    before = int(stage.status().values["gated"])
+    stage.change(dataclasses.replace(CONFIG, gate_sigma=0.5))
+    handle = stage.inputs[1].handle
+    for _, message in messages[40:42]:
+        list(handle(message))
+    assert int(stage.status().values["gated"]) > before + 2
+
+
+def test_same_messages_same_bits() -> None:
+    first, second = (run(CONFIG, inputs_of(HARBOUR))[1][-3][1] for _ in range(2))
+    assert first.pose_cov.tobytes() == second.pose_cov.tobytes()

@@ -1,0 +1,213 @@
+"""Tracking a pinging target and the sound speed from times of arrival at buoys: extended Kalman filter (Choi 2025).
+
+Deviations from the paper: the gate is on the innovation's own standard deviation and can reopen, because a target
+with half the arrivals rejected for several epochs is acquired anew; the first epochs are solved together.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from .toa_cold_start import cold_prior, cold_starts, solve
+from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, predict
+from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, screen
+from .types import Array, Arrivals
+
+__all__ = ["ToaConfig", "ToaEstimate", "ToaTracker"]
+
+
+@dataclass(frozen=True, eq=False)
+class ToaEstimate:
+    """The state at an epoch's stamp, and what the update was made of."""
+
+    t_ns: int
+    mean: Array  # (7,) position m, velocity m/s, sound speed m/s
+    cov: Array  # (7, 7)
+    used: int  # arrivals within the gate
+    rejected: int
+    nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
+
+
+class ToaTracker:
+    """Acquires the target from the last few epochs, then filters epoch by epoch.
+
+    The covariance stays positive definite: each scalar update subtracts g g^T, and every variance keeps the noise's
+    share of it.
+    """
+
+    def __init__(self, config: ToaConfig, net: Net) -> None:
+        self._config, self._net = config, net
+        self._recent: deque[Epoch] = deque(maxlen=config.start_epochs)
+        self._prior = None if config.cold_start else _given_prior(config)
+        self._prior_t_ns = self._t_ns = 0
+        self._estimate: ToaEstimate | None = None  # while tracking
+        self._misled = 0  # epochs in a row with half of the arrivals rejected, or more
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def tracking(self) -> bool:
+        """False while the target is being acquired."""
+        return self._estimate is not None
+
+    def change(self, config: ToaConfig, net: Net) -> None:
+        """Goes on with other parameters or other receivers; the state is kept."""
+        self._config, self._net = config, net
+        self._recent.clear()
+
+    def update(self, arrivals: Arrivals) -> ToaEstimate | None:
+        """The estimate at the stamp of `arrivals`, None while the target is not found.
+
+        Raises:
+            ValueError: a stamp before the last one.
+        """
+        epoch, refused = screen(arrivals, self._net)
+        self._remember(epoch)
+        self.counts.update(refused)
+        estimate = self._track(epoch) if self._estimate else self._acquire()
+        if estimate:
+            self.counts.update(used=estimate.used, gated=estimate.rejected)
+        return estimate
+
+    def _remember(self, epoch: Epoch) -> None:
+        if epoch.t_ns < self._t_ns:
+            age = (self._t_ns - epoch.t_ns) * 1e-9
+            raise ValueError(f"arrivals must not be older than the last epoch, got stamps {age:g} s older")
+        if self._recent and epoch.t_ns == self._t_ns:  # the buoys report one by one
+            epoch = _joined(self._recent.pop(), epoch)
+        self._t_ns = epoch.t_ns
+        self._recent.append(epoch)
+
+    # --- acquiring ------------------------------------------------------------------------------------------------
+
+    def _acquire(self) -> ToaEstimate | None:
+        labelled = [associate_by_order(epoch, self._net) for epoch in self._recent]
+        if not any(len(epoch.time) for epoch in labelled):
+            return None
+        estimate = self._solve(labelled, None)
+        if estimate and any(map(ambiguous, self._recent)):
+            estimate = self._solve([self._by_prediction(epoch, estimate) for epoch in self._recent], estimate.mean)
+        if len(self._recent) == self._recent.maxlen:
+            self._estimate, self._misled = estimate, 0
+            self._prior = None  # it has served, or it is wrong
+        return estimate
+
+    def _solve(self, epochs: list[Epoch], start: Array | None) -> ToaEstimate | None:
+        t_ns = epochs[-1].t_ns
+        self._prior_t_ns = self._prior_t_ns or t_ns
+        if self._prior:
+            mean, cov = predict(*self._prior, (t_ns - self._prior_t_ns) * 1e-9, self._config)
+            starts = mean[None]
+        else:
+            mean, cov = cold_prior(self._net, self._config)
+            starts = cold_starts(self._net, mean)
+        solution = solve(epochs, self._net, mean, cov, starts if start is None else start[None], self._config)
+        needed = 3 if self._config.emission == "known" else 4
+        found = solution.used > solution.rejected and (bool(self._prior) or solution.receivers >= needed)
+        if not found:
+            return None
+        return ToaEstimate(t_ns, solution.mean, solution.cov, solution.used, solution.rejected, solution.cost)
+
+    def _by_prediction(self, epoch: Epoch, estimate: ToaEstimate) -> Epoch:
+        mean, cov = predict(estimate.mean, estimate.cov, (epoch.t_ns - estimate.t_ns) * 1e-9, self._config)
+        return self._associated(epoch, mean, cov)
+
+    # --- tracking -------------------------------------------------------------------------------------------------
+
+    def _track(self, epoch: Epoch) -> ToaEstimate | None:
+        assert self._estimate is not None
+        dt = (epoch.t_ns - self._estimate.t_ns) * 1e-9
+        mean, cov = predict(self._estimate.mean, self._estimate.cov, dt, self._config)
+        estimate = self._updated(self._associated(epoch, mean, cov), mean, cov)
+        self._misled = self._misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
+        self._estimate = estimate
+        if self._misled < self._config.lost_epochs:
+            return estimate
+        self.counts["lost"] += 1
+        self._estimate = None
+        return self._acquire()
+
+    def _associated(self, epoch: Epoch, mean: Array, cov: Array) -> Epoch:
+        if not ambiguous(epoch):
+            return epoch
+        bias = self._bias(associate_by_order(epoch, self._net), mean)
+
+        def predictor(images: Array) -> tuple[Array, Array]:
+            times, H = arrival_times(mean, images, bias, bias)
+            return times, H[:, :STATES] @ cov @ H[:, :STATES].T
+
+        found = associate(epoch, self._net, predictor, self._config.gate_sigma)
+        self.counts["unassociated"] += len(epoch.time) - len(found.time)
+        return found
+
+    def _bias(self, epoch: Epoch, mean: Array) -> float:
+        """Emission after the stamp in s; the median is right as long as most arrivals are."""
+        if self._config.emission == "known" or not len(epoch.time):
+            return 0.0
+        return float(np.median(epoch.time - arrival_times(mean, epoch.images(self._net), 0.0, 0.0)[0]))
+
+    def _updated(self, epoch: Epoch, mean: Array, cov: Array) -> ToaEstimate:
+        """By scalar updates; after a long gap, too curved for those, by iterations from the prediction."""
+        bias = self._bias(epoch, mean)
+        times, H = arrival_times(mean, epoch.images(self._net), bias, bias)
+        bend = _curvature(H[:, :3], cov[:3, :3], times - bias)
+        if np.any(bend > epoch.std):
+            s = solve([epoch], self._net, mean, cov, _around(mean, cov), self._config)
+            return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
+        noise = np.square(epoch.std) + 2 * np.square(bend)
+        return self._scalar_updates(epoch.t_ns, mean, cov, epoch.time - times - bend, H, noise)
+
+    def _scalar_updates(
+        self, t_ns: int, mean: Array, cov: Array, innovations: Array, H: Array, noise: Array
+    ) -> ToaEstimate:
+        """One arrival after the other (eq. 8-10), linearised at the prediction, the most expected first."""
+        P = np.zeros((STATES + 1, STATES + 1))
+        P[:STATES, :STATES] = cov
+        P[STATES, STATES] = BIAS_STD**2 if self._config.emission == "unknown" else 0.0
+        order = np.argsort(np.square(innovations) / (((H @ P) * H).sum(axis=1) + noise), kind="stable").tolist()
+        change = np.zeros(STATES + 1)
+        used, nis, limit = 0, 0.0, self._config.gate_sigma**2
+        for i in order:
+            h = H[i]
+            PHt = P @ h
+            S = float(h @ PHt) + float(noise[i])
+            innovation = float(innovations[i]) - float(h @ change)
+            if innovation * innovation > limit * S:
+                continue
+            change += PHt * (innovation / S)
+            g = PHt / np.sqrt(S)
+            P -= np.outer(g, g)
+            used += 1
+            nis += innovation * innovation / S
+        return ToaEstimate(t_ns, mean + change[:STATES], P[:STATES, :STATES].copy(), used, len(order) - used, nis)
+
+
+def _given_prior(config: ToaConfig) -> tuple[Array, Array]:
+    std = np.array([*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std])
+    return np.array([*config.initial_position, *config.initial_velocity, config.sound_speed]), np.diag(std**2)
+
+
+def _around(mean: Array, cov: Array) -> Array:
+    """(5, 7) start points: the mean, and 2 sigma to either side along both horizontal axes of the covariance."""
+    values, axes = np.linalg.eigh(cov[:2, :2])
+    starts = np.tile(mean, (5, 1))
+    for k, axis in enumerate((axes * 2 * np.sqrt(values)).T):
+        starts[1 + 2 * k : 3 + 2 * k, :2] += np.outer([1, -1], axis)
+    return starts
+
+
+def _curvature(slowness: Array, cov: Array, travel_time: Array) -> Array:
+    """(n,) mean excess of a travel time over that of the mean position: second order of the square root.
+
+    It keeps a poorly known direction (depth above a shallow net) from being taken for a measured one.
+    """
+    speed2 = 1 / np.maximum(np.square(slowness).sum(axis=1), 1e-12)
+    across = np.trace(cov) - ((slowness @ cov) * slowness).sum(axis=1) * speed2
+    return np.asarray(across / (2 * speed2 * np.maximum(travel_time, 1e-6)))
+
+
+def _joined(a: Epoch, b: Epoch) -> Epoch:
+    receiver, path = np.concatenate([a.receiver, b.receiver]), np.concatenate([a.path, b.path])
+    return Epoch(a.t_ns, receiver, path, np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std]))

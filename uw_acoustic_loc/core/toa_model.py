@@ -1,0 +1,108 @@
+"""The buoy tracker's parameters, motion model and times of arrival (Choi 2025, eq. 1-7).
+
+State (7,): position x y z (m, map, z up), velocity (m/s), effective sound speed (m/s).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..config import param
+from .types import Array
+
+STATES = 7
+BIAS_STD = 1.0  # s; what is left of an unknown emission time after centring at the median, far above any noise
+
+
+@dataclass(frozen=True)
+class ToaConfig:
+    """Parameters of the time-of-arrival tracker."""
+
+    emission: str = param("known", choices=("known", "unknown"), doc="whether the stamp is the instant of emission")
+    bottom_depth: float = param(0.0, unit="m", low=0, doc="flat seabed below z = 0; 0 = no bottom path")
+    gate_sigma: float = param(3.0, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
+    sound_speed: float = param(1500.0, unit="m/s", low=1350, high=1650, doc="at the start")
+    sound_speed_std: float = param(2.0, unit="m/s", low=1e-3, doc="at the start")
+    sound_speed_walk: float = param(0.3, unit="m/s per sqrt(s)", low=0, changeable=True)
+    acceleration_noise: float = param(0.2, unit="m/s^2 per sqrt(Hz)", low=0, changeable=True, doc="horizontal")
+    vertical_acceleration_noise: float = param(0.02, unit="m/s^2 per sqrt(Hz)", low=0, changeable=True)
+    cold_start: bool = param(True, doc="find the first position from the arrivals, without initial_position")
+    initial_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="without cold_start")
+    initial_position_std: tuple[float, ...] = param((10.0, 10.0, 10.0), unit="m", low=1e-3, length=3)
+    initial_velocity: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m/s", length=3)
+    initial_velocity_std: tuple[float, ...] = param((2.0, 2.0, 0.5), unit="m/s", low=1e-3, length=3)
+    max_depth: float = param(200.0, unit="m", low=0.1, doc="no target is deeper, nor below bottom_depth")
+    start_epochs: int = param(5, low=1, high=50, doc="solved together at a start, before the filter goes on alone")
+    lost_epochs: int = param(3, low=1, doc="in a row with half the arrivals rejected: the target is acquired anew")
+    receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
+    receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
+    seed: int = param(1, low=0, doc="nothing is drawn at random here")
+
+    def __post_init__(self) -> None:
+        if len(self.receiver_positions) != 3 * len(self.receiver_ids):
+            raise ValueError(
+                f"receiver_positions must have 3 numbers for each of the {len(self.receiver_ids)} receiver_ids, "
+                f"got {len(self.receiver_positions)}"
+            )
+        if len(set(self.receiver_ids)) < len(self.receiver_ids):
+            raise ValueError(f"receiver_ids must differ from each other, got {list(self.receiver_ids)}")
+        for name in ("initial_position", "initial_position_std", "initial_velocity", "initial_velocity_std"):
+            if len(getattr(self, name)) != 3:
+                raise ValueError(f"{name} must have 3 elements, got {len(getattr(self, name))}")
+
+
+def water_column(config: ToaConfig) -> tuple[float, float]:
+    """Mean and standard deviation in m of the z of a target of which only the water is known."""
+    half = min(config.max_depth, config.bottom_depth or math.inf) / 2
+    return -half, half
+
+
+def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Array, Array]:
+    """Mean (7,) and covariance (7, 7) after dt s of nearly constant velocity (eq. 4-5), kept within the water."""
+    F = np.eye(STATES)
+    F[0, 3] = F[1, 4] = F[2, 5] = dt
+    moved = F @ cov @ F.T + process_noise(dt, config)
+    return _in_water(F @ mean, (moved + moved.T) / 2, config)
+
+
+def _in_water(mean: Array, cov: Array, config: ToaConfig) -> tuple[Array, Array]:
+    """Where z has become less certain than the water column makes it, as certain as that and no more."""
+    middle, std = water_column(config)
+    spread = cov[2, 2]
+    if spread <= std**2:
+        return mean, cov
+    g = cov[2] / spread
+    return mean + g * (1 - std**2 / spread) * (middle - mean[2]), cov - (spread - std**2) * np.outer(g, g)
+
+
+def process_noise(dt: float, config: ToaConfig) -> Array:
+    """(7, 7) of white acceleration and a random walk of the sound speed over dt s, forwards or backwards."""
+    q = np.array([config.acceleration_noise, config.acceleration_noise, config.vertical_acceleration_noise]) ** 2
+    Q = np.zeros((STATES, STATES))
+    k = np.arange(3)
+    Q[k, k] = q * abs(dt) ** 3 / 3
+    Q[k, k + 3] = Q[k + 3, k] = q * dt * abs(dt) / 2
+    Q[k + 3, k + 3] = q * abs(dt)
+    Q[6, 6] = config.sound_speed_walk**2 * abs(dt)
+    return Q
+
+
+def arrival_times(mean: Array, images: Array, bias: Array | float, lag: Array | float) -> tuple[Array, Array]:
+    """Times (n,) after the epoch's stamp of a ping at the images (n, 3) (eq. 6), and their Jacobian (n, 8) (eq. 7).
+
+    `bias` (n,): the emission after its epoch's stamp, s; `lag` (n,): the emission after the instant of `mean`.
+    The last column is the derivative with respect to both, for an unknown emission time.
+    """
+    lag = (np.zeros(len(images)) + lag)[:, None]
+    path = mean[:3] + lag * mean[3:6] - images
+    length = np.sqrt(np.square(path).sum(axis=1))
+    slowness = path / (np.maximum(length, 1e-9) * mean[6])[:, None]
+    jacobian = np.empty((len(images), STATES + 1))
+    jacobian[:, :3] = slowness
+    jacobian[:, 3:6] = slowness * lag
+    jacobian[:, 6] = -length / mean[6] ** 2
+    jacobian[:, 7] = 1 + slowness @ mean[3:6]
+    return length / mean[6] + bias, jacobian

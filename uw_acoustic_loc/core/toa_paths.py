@@ -1,0 +1,143 @@
+"""Which arrivals can be used, and which path each of them came by: direct, over the seabed, over the surface.
+
+A reflected path is a straight one from the receiver's image (Choi 2025, sec. 2): mirrored at z = -D for a flat seabed
+of depth D, at z = 0 for the surface.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .types import AnyArray, Array, Arrivals
+
+Predictor = Callable[[Array], tuple[Array, Array]]  # images (n, 3) -> times (n,), their covariance (n, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Net:
+    """Receivers and their images."""
+
+    index: dict[int, int]  # row of a receiver's id
+    images: Array  # (4, M, 3) by path (Arrivals.DIRECT, ...) and row; NaN where a path is not modelled
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """The usable arrivals of one ping."""
+
+    t_ns: int
+    receiver: AnyArray  # (n,) row in the net
+    path: AnyArray  # (n,)
+    time: Array  # (n,) s
+    std: Array  # (n,) s
+
+    def images(self, net: Net) -> Array:
+        """(n, 3) where the arrivals seem to come to."""
+        return np.asarray(net.images[self.path, self.receiver])
+
+    def rows(self, keep: AnyArray) -> Epoch:
+        """The arrivals selected by a mask or by indices."""
+        return Epoch(self.t_ns, self.receiver[keep], self.path[keep], self.time[keep], self.std[keep])
+
+
+def make_net(ids: Sequence[int], positions: Array, bottom_depth: float) -> Net:
+    """The net of receivers at `positions` (M, 3); a bottom_depth of 0 leaves out the bottom path.
+
+    Raises:
+        ValueError: no receiver, a repeated id, or a position that is not finite.
+    """
+    index = {int(name): row for row, name in enumerate(ids)}
+    if not index or len(index) < len(ids):
+        raise ValueError(f"receivers must have distinct ids and be at least one, got {list(map(int, ids))}")
+    if positions.shape != (len(index), 3) or not np.all(np.isfinite(positions)):
+        raise ValueError(f"positions must be {(len(index), 3)} finite numbers, got {positions.tolist()}")
+    images = np.full((4, len(index), 3), np.nan)
+    images[Arrivals.DIRECT] = positions
+    if bottom_depth > 0:
+        images[Arrivals.BOTTOM] = positions * [1, 1, -1] - [0, 0, 2 * bottom_depth]
+    below = positions[:, 2] < 0  # at the surface the surface path is the direct one
+    images[Arrivals.SURFACE, below] = positions[below] * [1, 1, -1]
+    return Net(index, images)
+
+
+def screen(arrivals: Arrivals, net: Net) -> tuple[Epoch, Counter[str]]:
+    """The usable rows, and how many were refused for which reason; a row is counted once."""
+    receiver = np.array([net.index.get(name, -1) for name in arrivals.receiver.tolist()], dtype=np.intp)
+    path = np.asarray(arrivals.path, dtype=np.intp)
+    time, std = np.asarray(arrivals.time, dtype=float), np.asarray(arrivals.std, dtype=float)
+    known = (path >= 0) & (path <= Arrivals.SURFACE)
+    modelled = known & ((path == 0) | np.isfinite(net.images[np.where(known, path, 0), receiver, 0]))
+    good = np.ones(len(time), dtype=bool)
+    refused: Counter[str] = Counter()
+    for reason, passed in (
+        ("not_finite", np.isfinite(time) & np.isfinite(std)),
+        ("negative_time", time >= 0),
+        ("std_not_positive", std > 0),
+        ("unknown_receiver", receiver >= 0),
+        ("path_not_modelled", modelled),
+    ):
+        refused[reason] = int(np.count_nonzero(good & ~passed))
+        good &= passed
+    return Epoch(arrivals.t_ns, receiver, path, time, std).rows(good), +refused
+
+
+def ambiguous(epoch: Epoch) -> bool:
+    """Whether a path is unlabelled, or the same one twice at a receiver."""
+    keys = epoch.receiver * 4 + epoch.path
+    return bool((epoch.path == Arrivals.UNKNOWN).any() or len(set(keys.tolist())) < len(keys))
+
+
+def associate_by_order(epoch: Epoch, net: Net) -> Epoch:
+    """Without a prediction: the earliest unlabelled arrival at a receiver is the direct one, then bottom, surface."""
+    taken: set[tuple[int, int]] = set()
+    path = np.zeros_like(epoch.path)
+    labels, receivers = epoch.path.tolist(), epoch.receiver.tolist()
+    for i in np.lexsort((epoch.time, epoch.path == Arrivals.UNKNOWN)).tolist():  # labelled ones first
+        options = [labels[i]] if labels[i] else _modelled(net, receivers[i])
+        free = [p for p in options if (receivers[i], p) not in taken]
+        if free:
+            taken.add((receivers[i], free[0]))
+            path[i] = free[0]
+    return replace(epoch, path=path).rows(path > 0)
+
+
+def associate(epoch: Epoch, net: Net, predictor: Predictor, gate_sigma: float) -> Epoch:
+    """The most likely joint assignment at each receiver, an arrival to a path at most once and the other way round.
+
+    The cost is the joint squared Mahalanobis distance, and gate_sigma^2 for each path that gets no arrival.
+    """
+    path = np.zeros_like(epoch.path)
+    for receiver in set(epoch.receiver.tolist()):
+        rows = np.flatnonzero(epoch.receiver == receiver)
+        paths = _modelled(net, receiver)
+        times, cov = predictor(net.images[paths, receiver])
+        cov[np.diag_indices(len(paths))] += np.square(epoch.std[rows]).mean()
+        here = epoch.rows(rows)
+        for p, i in zip(paths, _best(here, paths, times, cov, gate_sigma**2), strict=True):
+            if i >= 0:
+                path[rows[i]] = p
+    return replace(epoch, path=path).rows(path > 0)
+
+
+def _modelled(net: Net, receiver: int) -> list[int]:
+    return [p for p in (1, 2, 3) if np.isfinite(net.images[p, receiver, 0])]
+
+
+def _best(here: Epoch, paths: list[int], times: Array, cov: Array, miss: float) -> tuple[int, ...]:
+    """For each path the arrival that it explains, or -1."""
+    labels = here.path.tolist()
+    options = [[i for i, label in enumerate(labels) if label in (0, p)] for p in paths]
+    best, least = tuple(-1 for _ in paths), miss * len(paths)
+    for used in itertools.chain.from_iterable(itertools.combinations(range(len(paths)), k + 1) for k in range(3)):
+        information = np.linalg.inv(cov[np.ix_(used, used)])
+        for chosen in itertools.product(*(options[k] for k in used)):
+            innovation = here.time[list(chosen)] - times[list(used)]
+            cost = float(innovation @ information @ innovation) + miss * (len(paths) - len(used))
+            if cost < least and len(set(chosen)) == len(chosen):
+                best, least = tuple(dict(zip(used, chosen, strict=True)).get(k, -1) for k in range(len(paths))), cost
+    return best

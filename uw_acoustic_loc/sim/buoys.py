@@ -1,0 +1,145 @@
+"""Buoys that time the vehicle's ping, and the measured offsets of their moorings."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..contract import Event, Output
+from ..core.geometry import quat_from_yaw
+from ..core.impulsive import AlphaStable, ImpulsiveNoise
+from ..core.mooring import discretise
+from ..core.toa_paths import make_net
+from ..core.types import Array, Arrivals, NodePositions, Odometry, Point, Scalar
+from .environment import SoundSpeed
+from .scenario import Buoys, Mooring, Scenario, Vehicle
+from .trajectory import Trajectory
+
+PROCESSING = 0.01  # s from the last arrival of a ping to its message
+_PING_KEY, _MOORING_KEY = 0xB007, 0x3007  # of these sensors' random numbers
+
+
+class BuoySource:
+    """Direct and bottom arrivals of each ping, and truth; then each mooring on its own.
+
+    Geometry and sound speed are those of the emission; a path is missing where it reflects nothing. Arrivals of a ping
+    are available after the last of them, in the order of the pings.
+
+    Raises:
+        ValueError: buoys without a vehicle, or buoys with repeated ids.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._pings = None
+        if scenario.buoys:
+            if scenario.vehicle is None:
+                raise ValueError("buoys: the scenario must have a vehicle, whose ping they time")
+            self._pings = _Pings(scenario, scenario.buoys, scenario.vehicle)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        moorings = (
+            output
+            for mooring in self._scenario.moorings
+            for output in (
+                Output(f"mooring/{mooring.id}/offset", Point),
+                Output(f"/truth/mooring/{mooring.id}/odometry", Odometry),
+            )
+        )
+        return (*(_PING_OUTPUTS if self._pings else ()), *moorings)
+
+    def events(self) -> Iterator[Event]:
+        streams = [_mooring_events(self._scenario, k) for k in range(len(self._scenario.moorings))]
+        if self._pings:
+            streams = [self._pings.positions(), self._pings.truth(), self._pings.arrivals(), *streams]
+        return heapq.merge(*streams, key=lambda event: event[0])
+
+
+class _Pings:
+    """Everything that the buoys and the truth know of the vehicle's pings."""
+
+    def __init__(self, scenario: Scenario, buoys: Buoys, vehicle: Vehicle) -> None:
+        self._scenario, self._buoys = scenario, buoys
+        self._ids = [node.id for node in buoys.nodes]
+        self._nodes = np.array([[node.x, node.y, node.z] for node in buoys.nodes]).reshape(-1, 3)
+        self._net = make_net(self._ids, self._nodes, scenario.environment.depth)
+        count = math.floor(scenario.duration / buoys.period + 1e-9) + 1
+        self._times: Array = np.asarray(np.arange(count) * buoys.period)
+        self._motion = Trajectory(vehicle).at(self._times)
+        self._sound_speed = SoundSpeed(scenario).at(self._times)
+
+    def positions(self) -> Iterator[Event]:
+        t_ns = self._scenario.start_ns
+        role = np.full(len(self._ids), NodePositions.RECEIVER, np.uint8)
+        yield t_ns, "buoys/positions", NodePositions(t_ns, np.array(self._ids, np.uint16), role, *self._nodes.T)
+
+    def truth(self) -> Iterator[Event]:
+        motion, cov = self._motion, np.zeros((6, 6))
+        for k, time in enumerate(self._times):
+            t_ns = self._scenario.t_ns(time)
+            pose = (motion.positions[:, k].copy(), quat_from_yaw(motion.yaw[k]))
+            linear, angular = np.array([motion.speed[k], 0.0, 0.0]), np.array([0.0, 0.0, motion.yaw_rate[k]])
+            yield t_ns, "/truth/target/odometry", Odometry(t_ns, *pose, linear, angular, cov, cov, "map", "base_link")
+            yield t_ns, "/truth/target/sound_speed", Scalar(t_ns, float(self._sound_speed[k]))
+
+    def arrivals(self) -> Iterator[Event]:
+        rng, available = self._scenario.rng(_PING_KEY), self._scenario.start_ns
+        for k, time in enumerate(self._times):
+            arrivals = self._heard(rng, k, self._scenario.t_ns(time))
+            latest = float(arrivals.time.max()) if arrivals.time.size else 0.0
+            available = max(available, arrivals.t_ns + round((latest + PROCESSING) * 1e9))
+            yield available, "buoys/arrivals", arrivals
+
+    def _heard(self, rng: np.random.Generator, k: int, t_ns: int) -> Arrivals:
+        buoys, coefficient = self._buoys, self._scenario.environment.bottom_reflection
+        paths = [Arrivals.DIRECT, Arrivals.BOTTOM] if coefficient else [Arrivals.DIRECT]
+        images = self._net.images[paths].reshape(-1, 3)
+        time = np.linalg.norm(self._motion.positions[:, k] - images, axis=1) / self._sound_speed[k]
+        time += rng.normal(0.0, buoys.toa_std, len(time))
+        late = rng.random(len(time)) < buoys.outlier_fraction
+        time += np.where(late, rng.exponential(buoys.outlier_mean, len(time)), 0.0)
+        heard = rng.random(len(time)) >= buoys.miss_fraction
+        path = np.repeat(np.array(paths, np.uint8), len(self._ids))
+        loss_db = -20 * math.log10(abs(coefficient)) if coefficient else 0.0
+        snr = (buoys.snr_db - loss_db * (path == Arrivals.BOTTOM)).astype(np.float32)
+        receiver = np.tile(np.array(self._ids, np.uint16), len(paths))
+        std = np.full(len(time), buoys.toa_std, np.float32)
+        return Arrivals(t_ns, receiver[heard], path[heard], time[heard], std[heard], snr[heard])
+
+
+def _mooring_events(scenario: Scenario, index: int) -> Iterator[Event]:
+    """Offset and truth at every period, from `start` at rest."""
+    mooring, rng = scenario.moorings[index], scenario.rng(_MOORING_KEY, index)
+    noise = _noise(mooring)
+    F, drive = discretise(mooring.mass, mooring.damping, mooring.stiffness, mooring.force, mooring.period)
+    state = np.array([mooring.start, 0.0])
+    for k in range(math.floor(scenario.duration / mooring.period + 1e-9) + 1):
+        t_ns = scenario.t_ns(k * mooring.period)
+        yield t_ns, f"/truth/mooring/{mooring.id}/odometry", _mooring_truth(t_ns, mooring.id, state)
+        measured = np.array([state[0] + float(noise.draw(rng, 1)[0]), 0.0, 0.0])
+        yield t_ns, f"mooring/{mooring.id}/offset", Point(t_ns, measured)
+        state = F @ state + drive + np.array([rng.normal(0.0, mooring.process_std), 0.0])
+
+
+def _mooring_truth(t_ns: int, name: str, state: Array) -> Odometry:
+    along, quat, cov = np.array([1.0, 0.0, 0.0]), quat_from_yaw(0.0), np.zeros((6, 6))
+    child = f"mooring/{name}"
+    return Odometry(t_ns, state[0] * along, quat, state[1] * along, np.zeros(3), cov, cov, "map", child)
+
+
+def _noise(mooring: Mooring) -> ImpulsiveNoise:
+    scale = max(mooring.impulse_scale, 1e-9)
+    stable = AlphaStable(mooring.impulse_alpha, mooring.impulse_beta, scale, mooring.impulse_location)
+    return ImpulsiveNoise(mooring.measurement_std, mooring.impulse_fraction, stable)
+
+
+_PING_OUTPUTS = (
+    Output("buoys/positions", NodePositions, latched=True),
+    Output("buoys/arrivals", Arrivals),
+    Output("/truth/target/odometry", Odometry),
+    Output("/truth/target/sound_speed", Scalar),
+)

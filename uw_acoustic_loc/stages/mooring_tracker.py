@@ -1,0 +1,94 @@
+"""Measured offsets of moored buoys in, filtered offsets and velocities out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from ..contract import Emission, Input, Output, Status
+from ..core.mooring import MooringConfig, MooringEstimate, make_filter, step_of
+from ..core.types import Array, Odometry, Point
+
+UNKNOWN_VARIANCE = 1e6  # of everything but the offset and its velocity
+
+
+class MooringTrackerStage:
+    """One filter per mooring; the time steps are those between the stamps.
+
+    Of the odometry only x is estimated: position.x the offset, linear.x its velocity, both along the x of map.
+    """
+
+    Config: ClassVar[type] = MooringConfig
+
+    def __init__(self, config: MooringConfig) -> None:
+        self._config = config
+        self._filters = {
+            name: make_filter(config, np.random.default_rng([config.seed, k]))
+            for k, name in enumerate(config.mooring_ids)
+        }
+        self._t_ns: dict[str, int] = {}
+        self._values: dict[str, float | int | str] = {}
+        self._gated: Counter[str] = Counter()
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        return tuple(
+            Input(f"mooring/{name}/offset", Point, partial(self._on_offset, name), frame="map")
+            for name in self._filters
+        )
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        return tuple(Output(f"mooring/{name}/odometry", Odometry) for name in self._filters)
+
+    def status(self) -> Status:
+        silent = [name for name in self._filters if name not in self._t_ns]
+        values = self._values | {f"{name}.gated": count for name, count in self._gated.items()}
+        if silent:
+            return Status(Status.WARN, f"no offset yet of {', '.join(silent)}", values)
+        return Status(Status.OK, "running", values)
+
+    def change(self, config: MooringConfig) -> None:
+        self._config = config
+        for mooring in self._filters.values():
+            mooring.config = config
+
+    def _on_offset(self, name: str, measured: Point) -> Iterator[Emission]:
+        offset, t_ns = float(measured.position[0]), measured.t_ns
+        if not math.isfinite(offset):
+            raise ValueError(f"offset of mooring {name} must be finite, got {offset}")
+        dt = (t_ns - self._t_ns.get(name, t_ns)) * 1e-9
+        if dt < 0 or t_ns == self._t_ns.get(name):
+            raise ValueError(f"offset of mooring {name} must be newer than the last one, got {dt} s")
+        mooring = self._filters[name]
+        if dt > 0:
+            mooring.predict(step_of(self._config, dt))
+        estimate = mooring.update(np.array([offset]))
+        self._t_ns[name] = t_ns
+        self._note(name, offset, estimate)
+        yield f"mooring/{name}/odometry", _odometry(t_ns, name, estimate.mean[:, 0], estimate.cov[:, :, 0])
+
+    def _note(self, name: str, offset: float, estimate: MooringEstimate) -> None:
+        self._gated[name] += int(estimate.rejected[0])
+        self._values[f"{name}.residual_m"] = offset - float(estimate.mean[0, 0])
+        self._values[f"{name}.std_m"] = math.sqrt(float(estimate.cov[0, 0, 0]))
+        if self._config.filter == "particle":
+            self._values[f"{name}.ess"] = float(estimate.ess[0])
+
+
+def _odometry(t_ns: int, name: str, mean: Array, cov: Array) -> Odometry:
+    along = np.array([1.0, 0.0, 0.0])
+    quat = np.array([0.0, 0.0, 0.0, 1.0])
+    pose_cov, twist_cov = _only_x(cov[0, 0]), _only_x(cov[1, 1])
+    return Odometry(
+        t_ns, mean[0] * along, quat, mean[1] * along, np.zeros(3), pose_cov, twist_cov, "map", f"mooring/{name}"
+    )
+
+
+def _only_x(variance: float) -> Array:
+    return np.diag([float(variance)] + [UNKNOWN_VARIANCE] * 5)

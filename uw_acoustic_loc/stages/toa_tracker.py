@@ -1,0 +1,108 @@
+"""Arrivals of a ping at buoys in, the target's motion and the sound speed out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+
+from ..contract import Emission, Input, Output, Status
+from ..core.toa import ToaConfig, ToaEstimate, ToaTracker
+from ..core.toa_paths import Net, make_net
+from ..core.types import Array, Arrivals, NodePositions, Odometry, Scalar
+
+UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of
+
+
+class ToaTrackerStage:
+    """One ToaTracker; the receivers come from the parameters, or else from `buoys/positions`.
+
+    Pose and twist are both in the axes of map: the attitude is unknown and given as identity.
+    """
+
+    Config: ClassVar[type] = ToaConfig
+
+    def __init__(self, config: ToaConfig) -> None:
+        self._config = config
+        self._net: Net | None = None
+        self._tracker: ToaTracker | None = None
+        self._last: ToaEstimate | None = None
+        self._unused = 0
+        if config.receiver_ids:
+            positions = np.array(config.receiver_positions).reshape(-1, 3)
+            self._use(make_net(config.receiver_ids, positions, config.bottom_depth))
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map")
+        if self._config.receiver_ids:
+            return (arrivals,)
+        return (Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=True), arrivals)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        return (
+            Output("target/odometry", Odometry),
+            Output("target/sound_speed", Scalar),
+            Output("target/sound_speed_std", Scalar),
+        )
+
+    def status(self) -> Status:
+        if self._tracker is None:
+            return Status(Status.WARN, "waiting for buoys/positions")
+        values: dict[str, float | int | str] = dict(self._tracker.counts)
+        values["epochs_without_estimate"] = self._unused
+        if self._last:
+            values["last_used"], values["last_rejected"] = self._last.used, self._last.rejected
+            values["nis_per_arrival"] = self._last.nis / max(self._last.used, 1)
+            values["position_std_m"] = math.sqrt(float(np.trace(self._last.cov[:3, :3])))
+        if self._tracker.tracking:
+            return Status(Status.OK, "tracking", values)
+        return Status(Status.WARN, "acquiring the target", values)
+
+    def change(self, config: ToaConfig) -> None:
+        self._config = config
+        if self._tracker and self._net:
+            self._tracker.change(config, self._net)
+
+    def _on_positions(self, nodes: NodePositions) -> Iterator[Emission]:
+        receivers = np.asarray(nodes.role) == NodePositions.RECEIVER
+        ids = np.asarray(nodes.id)[receivers].tolist()
+        self._use(make_net(ids, nodes.positions[receivers], self._config.bottom_depth))
+        yield from ()
+
+    def _use(self, net: Net) -> None:
+        self._net = net
+        if self._tracker:
+            self._tracker.change(self._config, net)
+        else:
+            self._tracker = ToaTracker(self._config, net)
+
+    def _on_arrivals(self, arrivals: Arrivals) -> Iterator[Emission]:
+        if self._tracker is None:
+            raise ValueError("arrivals refused: no buoys/positions yet")
+        estimate = self._tracker.update(arrivals)
+        if estimate is None:
+            self._unused += 1
+            return
+        self._last = estimate
+        yield "target/odometry", _odometry(estimate)
+        yield "target/sound_speed", Scalar(estimate.t_ns, float(estimate.mean[6]))
+        yield "target/sound_speed_std", Scalar(estimate.t_ns, math.sqrt(float(estimate.cov[6, 6])))
+
+
+def _odometry(estimate: ToaEstimate) -> Odometry:
+    mean, cov = estimate.mean, estimate.cov
+    pose_cov, twist_cov = _with_unknown_angles(cov[:3, :3]), _with_unknown_angles(cov[3:6, 3:6])
+    quat = np.array([0.0, 0.0, 0.0, 1.0])
+    return Odometry(
+        estimate.t_ns, mean[:3].copy(), quat, mean[3:6].copy(), np.zeros(3), pose_cov, twist_cov, frame_id="map"
+    )
+
+
+def _with_unknown_angles(cov: Array) -> Array:
+    whole = np.diag([0.0, 0.0, 0.0, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE])
+    whole[:3, :3] = cov
+    return whole
