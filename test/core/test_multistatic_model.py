@@ -1,0 +1,60 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uw_acoustic_loc.core.multistatic import RAYLEIGH_SCALE, Net, Noise, gaussian_likelihood
+from uw_acoustic_loc.core.multistatic_model import rayleigh_terms, skew_shift
+
+
+def likelihoods():
+    net = Net(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
+    noise = Noise(np.full(3, 40.0), np.full(3, 0.02))
+    ranges, bearings = net.measure(np.array([[1500.0, 800.0]]))
+    ranges, bearings = ranges + np.array([[30.0], [80.0], [120.0]]), bearings + np.array([[0.02], [-0.01], [0.0]])
+    gaussian = gaussian_likelihood(net, ranges - noise.bias[:, None], bearings, noise)
+    scale = noise.range_std[:, None] * RAYLEIGH_SCALE
+    exact = replace(gaussian, ranges=ranges, scale=scale)
+    return {"gaussian": gaussian, "ranges": gaussian.without_bearings(), "exact": exact}
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "ranges", "exact"])
+@pytest.mark.parametrize("offset", [(-30.0, 20.0), (60.0, 90.0)])  # the second lies beyond the Rayleigh edge
+def test_descent_direction_is_minus_the_finite_difference_of_the_cost(kind, offset):
+    likelihood = likelihoods()[kind]
+    x, y, h = np.array([1500.0 + offset[0]]), np.array([800.0 + offset[1]]), 1e-3
+    at = likelihood.moments(x, y)
+    assert at.cost == pytest.approx(likelihood.cost(x, y))
+    assert at.gx == pytest.approx((likelihood.cost(x - h, y) - likelihood.cost(x + h, y)) / (2 * h), rel=1e-5)
+    assert at.gy == pytest.approx((likelihood.cost(x, y - h) - likelihood.cost(x, y + h)) / (2 * h), rel=1e-5)
+
+
+def test_rayleigh_terms_are_derivatives_of_each_other_and_continue_beyond_the_edge():
+    scale, h = np.array(61.0), 1e-4
+    error = np.array([-80.0, -1.0, 0.5, 1.5, 30.0, 200.0])
+    cost, slope, curvature = rayleigh_terms(error, scale)
+    ahead, behind = rayleigh_terms(error + h, scale), rayleigh_terms(error - h, scale)
+    np.testing.assert_allclose(slope, (ahead[0] - behind[0]) / (2 * h), rtol=1e-4)
+    inside = error > 2.0  # beyond the edge the expansion keeps u^2/2 + its own curvature
+    np.testing.assert_allclose(curvature[inside], ((ahead[1] - behind[1]) / (2 * h))[inside], rtol=1e-4)
+    np.testing.assert_allclose(curvature[~inside], ((ahead[1] - behind[1]) / (2 * h))[~inside], rtol=1e-2)
+    u = 30.0 / 61.0
+    assert cost[4] == pytest.approx(u * u / 2 - math.log(u))
+
+
+def test_skew_shift_leads_from_the_mode_to_the_mean_of_the_likelihood():
+    exact = likelihoods()["exact"]
+    exact = replace(exact, bearing_weight=exact.bearing_weight / 25)  # 0.1 rad: the ranges decide
+    at = exact.moments(np.array([1500.0]), np.array([800.0]))
+    for _ in range(30):
+        step_x, step_y = at.step(np.array([1e-3]))
+        at = exact.moments(at.x + step_x, at.y + step_y)
+    axis = np.arange(-400.0, 400.0, 4.0)
+    offsets = np.stack(np.meshgrid(axis, axis)).reshape(2, -1)
+    x, y = at.x + offsets[0], at.y + offsets[1]
+    inside = np.all(exact.ranges > exact.legs(x, y)[-1], axis=0)  # the density has a hard edge
+    weights = np.where(inside, np.exp(at.cost - exact.cost(x, y)), 0.0)
+    to_mean = offsets @ weights / weights.sum()
+    shift = np.array(skew_shift(exact, at))[:, 0]
+    assert np.linalg.norm(shift - to_mean) < 0.1 * np.linalg.norm(to_mean)

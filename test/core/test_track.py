@@ -1,0 +1,178 @@
+import math
+
+import numpy as np
+import pytest
+
+from uw_acoustic_loc.core.track import Sighting, Track, Tracker, TrackRules, assign, chi_square_limit
+
+RULES = TrackRules(process_noise=0.01, speed_std=5.0, gate=4.0, confirm_hits=3, confirm_pings=4, coast_time=30.0)
+SECOND = 1_000_000_000
+PERIOD = 4
+
+
+def sighting(x, y, std=30.0, delay=0.0):
+    return Sighting(np.array([x, y], dtype=float), std**2 * np.eye(2), delay)
+
+
+def track(x, y, vx=0.0, vy=0.0, std=30.0):
+    return Track(1, np.array([x, y, vx, vy], dtype=float), np.diag([std**2, std**2, 1.0, 1.0]), 0, (True,))
+
+
+def follow(pings, rules=RULES):
+    """Confirmed ids after each ping; `pings` are lists of (x, y)."""
+    tracker = Tracker(rules)
+    return [
+        [t.id for t in tracker.step(k * PERIOD * SECOND, [sighting(*p) for p in points])]
+        for k, points in enumerate(pings)
+    ]
+
+
+# --- filter ---------------------------------------------------------------------------------------------------------
+
+
+def test_two_predictions_are_one_long_prediction():
+    start = track(100, -50, 3, -2)
+    whole, steps = start.predict(7.0, 0.3), start.predict(2.0, 0.3).predict(5.0, 0.3)
+    np.testing.assert_allclose(whole.mean, [121, -64, 3, -2])
+    np.testing.assert_allclose(steps.mean, whole.mean)
+    np.testing.assert_allclose(steps.cov, whole.cov)
+
+
+def test_update_is_the_information_filters():
+    before, seen = track(100, -50, 3, -2).predict(4.0, 0.1), sighting(130, -40, std=20.0, delay=1.5)
+    H = np.array([[1, 0, 1.5, 0], [0, 1, 0, 1.5]])
+    information = np.linalg.inv(before.cov) + H.T @ H / 400.0
+    mean = np.linalg.solve(information, np.linalg.solve(before.cov, before.mean) + H.T @ seen.position / 400.0)
+    after = before.update(seen)
+    np.testing.assert_allclose(after.mean, mean)
+    np.testing.assert_allclose(after.cov, np.linalg.inv(information))
+    np.testing.assert_array_equal(after.cov, after.cov.T)
+
+
+def test_a_sighting_is_compared_with_where_the_target_is_when_the_ping_meets_it():
+    innovation, _, _ = track(100, -50, 3, -2).innovation(sighting(106, -54, delay=2.0))
+    np.testing.assert_allclose(innovation, [0, 0], atol=1e-12)
+
+
+def test_tracks_are_honest_from_their_first_sighting_on():
+    from scipy.stats import chi2
+
+    runs, pings, q = 150, 12, 0.05
+    rules = TrackRules(q, 5.0, 8.0, 1, 1, 1e9)
+    rng = np.random.default_rng(3)
+    nees = np.zeros((runs, pings))
+    for run in range(runs):
+        tracker = Tracker(rules)
+        truth = Track(1, np.array([0.0, 0.0, *rng.normal(0, 5.0, 2)]), np.zeros((4, 4)), 0, ())
+        for k in range(pings):
+            moved = truth.predict(PERIOD if k else 0.0, q)
+            noise = rng.multivariate_normal(np.zeros(4), moved.cov) if k else np.zeros(4)
+            truth = Track(1, moved.mean + noise, np.zeros((4, 4)), 0, ())
+            delay, std = rng.uniform(0, 3), np.array([40.0, 15.0])
+            at = truth.mean[:2] + delay * truth.mean[2:] + std * rng.standard_normal(2)
+            (found,) = tracker.step(k * PERIOD * SECOND, [Sighting(at, np.diag(std**2), delay)])
+            error = found.mean - truth.mean
+            nees[run, k] = error @ np.linalg.solve(found.cov, error)
+    low, high = chi2.ppf([0.0005, 0.9995], 4 * runs) / runs
+    for k in range(pings):
+        assert low < nees[:, k].mean() < high, k
+
+
+def test_position_std_is_the_longest_half_axis():
+    turned = np.array([[math.cos(0.5), -math.sin(0.5)], [math.sin(0.5), math.cos(0.5)]])
+    cov = np.eye(4)
+    cov[:2, :2] = turned @ np.diag([900.0, 16.0]) @ turned.T
+    assert Track(1, np.zeros(4), cov, 0, ()).position_std == pytest.approx(30.0)
+
+
+# --- association ----------------------------------------------------------------------------------------------------
+
+
+def test_assignment_is_global_not_greedy():
+    tracks = [track(0, 0), track(100, 0)]
+    sightings = [sighting(60, 0), sighting(180, 0)]  # the nearest pair of all is 100 -> 60
+    assert assign(tracks, sightings, gate=6.0) == {0: 0, 1: 1}
+
+
+def test_nothing_beyond_the_gate_is_assigned():
+    limit = math.sqrt(chi_square_limit(3.0, 2) * (30.0**2 + 30.0**2))
+    assert assign([track(0, 0)], [sighting(0.99 * limit, 0)], gate=3.0) == {0: 0}
+    assert assign([track(0, 0)], [sighting(1.01 * limit, 0)], gate=3.0) == {}
+    assert assign([], [sighting(0, 0)], gate=3.0) == {}
+
+
+@pytest.mark.parametrize("dof", [2, 4, 10, 30])
+@pytest.mark.parametrize("sigma", [2.0, 3.0, 4.0])
+def test_chi_square_limit_is_the_quantile_of_as_many_sigma(dof, sigma):
+    from scipy.stats import chi2, norm
+
+    assert chi_square_limit(sigma, dof) == pytest.approx(chi2.isf(norm.sf(sigma), dof), rel=0.06)
+
+
+def test_confirmed_tracks_choose_before_tentative_ones():
+    tracker = Tracker(RULES)
+    for k in range(3):
+        tracker.step(k * PERIOD * SECOND, [sighting(0, 0)])
+    tracker.step(3 * PERIOD * SECOND, [sighting(0, 0), sighting(40, 0)])  # the second begins a tentative track
+    (confirmed,) = tracker.step(4 * PERIOD * SECOND, [sighting(30, 0)])  # nearer to the tentative one
+    assert confirmed.seen_ns == 4 * PERIOD * SECOND
+    assert tracker.tentative == 1
+
+
+# --- life of a track ------------------------------------------------------------------------------------------------
+
+HERE, NONE = [(0, 0)], []
+
+
+def test_a_track_is_confirmed_by_m_of_n_pings_and_keeps_its_id():
+    assert follow([HERE, HERE, HERE, HERE]) == [[], [], [1], [1]]
+    assert follow([HERE, NONE, HERE, HERE, NONE, HERE]) == [[], [], [], [1], [1], [1]]
+
+
+def test_a_track_that_cannot_be_confirmed_any_more_is_dropped():
+    # hit, miss, miss: 3 of 4 is out of reach; the next two sightings begin anew
+    assert follow([HERE, NONE, NONE, HERE, HERE]) == [[], [], [], [], []]
+    tracker = Tracker(RULES)
+    for k, points in enumerate([HERE, NONE, NONE]):
+        tracker.step(k * PERIOD * SECOND, [sighting(*p) for p in points])
+    assert tracker.tentative == 0
+
+
+def test_a_confirmed_track_coasts_and_ends_and_its_id_is_not_used_again():
+    ids = follow([HERE] * 3 + [NONE] * 8 + [HERE] * 3)
+    assert ids[2:10] == [[1]] * 8  # last seen at 8 s, coasts up to 38 s
+    assert ids[10:13] == [[]] * 3  # 40 s
+    assert ids[13] == [2]
+
+
+def test_a_coasting_track_moves_on_and_grows():
+    tracker = Tracker(RULES)
+    for k in range(6):
+        (before,) = tracker.step(k * PERIOD * SECOND, [sighting(20.0 * k, 0)]) or [None]
+    (after,) = tracker.step(6 * PERIOD * SECOND, [])
+    np.testing.assert_allclose(after.mean[:2], before.mean[:2] + PERIOD * before.mean[2:])
+    assert after.position_std > before.position_std
+
+
+def test_ids_stay_with_their_targets_when_the_targets_pass_each_other():
+    tracker = Tracker(RULES)
+    rng = np.random.default_rng(5)
+    for k in range(30):
+        x = -900.0 + 60.0 * k
+        points = [(x, 60.0), (-x, -60.0)]
+        order = rng.permutation(2)
+        seen = [sighting(*(np.array(points[i]) + rng.normal(0, 10, 2)), std=10.0) for i in order]
+        tracks = tracker.step(k * PERIOD * SECOND, seen)
+    assert len(tracks) == 2
+    by_id = {t.id: t.mean for t in tracks}
+    assert set(by_id) == {1, 2}
+    east = [t for t in by_id.values() if t[2] > 0]
+    assert len(east) == 1
+    np.testing.assert_allclose(east[0], [840, 60, 15, 0], atol=30)
+
+
+def test_a_ping_that_is_not_later_is_refused():
+    tracker = Tracker(RULES)
+    tracker.step(5, [])
+    with pytest.raises(ValueError, match="t_ns must be after the ping before, 5, got 5"):
+        tracker.step(5, [])

@@ -1,0 +1,138 @@
+"""From the detections of one ping, false alarms among them, to fixes: which detections show the same target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..config import param
+from .association import Grouping
+from .multistatic import METHODS, Net, Noise, check_method, gaussian_likelihood, locate
+from .multistatic_model import Likelihood
+from .track import TrackRules, chi_square_limit
+from .types import AnyArray, Array
+
+
+@dataclass(frozen=True)
+class MultistaticConfig:
+    """Parameters of multistatic_fusion."""
+
+    method: str = param("ml_range_bearing", choices=METHODS, doc="how a fix is found")
+    range_noise: str = param(
+        "rayleigh", choices=("rayleigh", "gaussian"), doc="rayleigh: echoes are late, 1.913 range_std on average"
+    )
+    sound_speed: float = param(
+        1500.0, unit="m/s", low=1350, high=1650, doc="only for when the ping reached the target, not for ranges"
+    )
+    gate: float = param(4.0, unit="sigma", low=1, high=10, changeable=True, doc="what belongs together")
+    min_receivers: int = param(2, low=1, doc="that must agree on a fix; at most all that there are")
+    process_noise: float = param(
+        0.01, unit="m^2/s^3", low=0, changeable=True, doc="spectral density of a target's acceleration, per axis"
+    )
+    speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
+    confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many fixes ...")
+    confirm_pings: int = param(4, low=1, high=100, doc="... in this many pings")
+    coast_time: float = param(30.0, unit="s", low=0, changeable=True, doc="a track without fixes ends after this")
+    seed: int = param(1, low=0, doc="not used: the fusion draws no random numbers")
+
+    def __post_init__(self) -> None:
+        if self.confirm_hits > self.confirm_pings:
+            raise ValueError(
+                f"confirm_hits must be at most confirm_pings, got {self.confirm_hits} of {self.confirm_pings}"
+            )
+
+    @property
+    def rules(self) -> TrackRules:
+        """What the tracker needs of this."""
+        return TrackRules(
+            self.process_noise, self.speed_std, self.gate, self.confirm_hits, self.confirm_pings, self.coast_time
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Echoes:
+    """Detections of one ping, a row each, all usable."""
+
+    receiver: AnyArray  # (D,) row of Net.receivers
+    range: Array  # (D,) m, as measured
+    range_std: Array  # m
+    bearing: Array  # rad
+    bearing_std: Array  # rad
+    snr: Array  # dB, NaN unknown
+
+    def take(self, rows: Sequence[int]) -> Echoes:
+        """Some of the rows."""
+        r = list(rows)
+        return Echoes(
+            self.receiver[r], self.range[r], self.range_std[r], self.bearing[r], self.bearing_std[r], self.snr[r]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fix:
+    """One target of one ping."""
+
+    position: Array  # (2,) m
+    cov: Array  # (2, 2) m^2
+    rows: tuple[int, ...]  # of Echoes
+
+
+class Fusion:
+    """Fixes of a net, ping by ping; it remembers nothing.
+
+    Detections are grouped (see `Grouping`); a group of at least `min_receivers` is fitted as one point, and is a fix
+    when the misfit of range sums and bearings lies within the gate. The strongest comes first: most receivers, then
+    the highest summed SNR. Its detections are taken away, and the rest is grouped again.
+
+    Raises:
+        ValueError: the net does not suit the method.
+    """
+
+    def __init__(self, net: Net, config: MultistaticConfig) -> None:
+        check_method(net, config.method)
+        self.net, self.config = net, config
+
+    def fixes(self, echoes: Echoes) -> Iterator[Fix]:
+        """All fixes of a ping, the strongest first."""
+        needed = min(self.config.min_receivers, len(self.net.receivers))
+        if len(echoes.receiver) < needed:
+            return
+        grouping = Grouping(self._single(echoes), echoes.receiver, self.config.gate)
+        free, refused = set(range(len(echoes.receiver))), set[tuple[int, ...]]()
+        while groups := {g for g in grouping.groups(free) - refused if len(g) >= needed}:
+            best = max(groups, key=lambda group: (len(group), _strength(echoes, group), group))
+            fix = self._fit(echoes, best)
+            if fix is None:
+                refused.add(best)
+            else:
+                free -= set(best)
+                yield fix
+
+    def _fit(self, echoes: Echoes, rows: tuple[int, ...]) -> Fix | None:
+        """One point through a group; None when the detections do not agree or the method finds no point."""
+        own = echoes.take(rows)
+        net = Net(self.net.transmitter, self.net.receivers[own.receiver])
+        noise = self._noise(own)
+        joint = locate(net, own.range, own.bearing, noise, "ml_range_bearing")
+        if not joint.misfit <= chi_square_limit(self.config.gate, max(2 * len(rows) - 2, 1)):
+            return None
+        try:
+            found = locate(net, own.range, own.bearing, noise, self.config.method)
+        except ValueError:  # these receivers alone are too few for the method, or in line
+            return None
+        return Fix(found.positions, found.cov, rows) if found.converged else None
+
+    def _single(self, echoes: Echoes) -> Likelihood:
+        """Every detection as a receiver of its own, the ranges' bias removed; (D, 1)."""
+        net = Net(self.net.transmitter, self.net.receivers[echoes.receiver])
+        noise = self._noise(echoes)
+        return gaussian_likelihood(net, (echoes.range - noise.bias)[:, None], echoes.bearing[:, None], noise)
+
+    def _noise(self, echoes: Echoes) -> Noise:
+        return Noise(echoes.range_std, echoes.bearing_std, self.config.range_noise == "rayleigh")
+
+
+def _strength(echoes: Echoes, rows: tuple[int, ...]) -> float:
+    return float(np.nansum(echoes.snr[list(rows)]))

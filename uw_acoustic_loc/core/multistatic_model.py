@@ -1,0 +1,250 @@
+"""The likelihood of positions given range sums and bearings: one column per fix, one row per receiver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from .types import AnyArray, Array
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Negative log-likelihood at (x, y) with its descent direction and its information; every field is (M,)."""
+
+    x: Array
+    y: Array
+    cost: Array
+    gx: Array  # minus the gradient
+    gy: Array
+    xx: Array  # G^T R^-1 G
+    xy: Array
+    yy: Array
+
+    def step(self, damping: Array) -> tuple[Array, Array]:
+        """Damped Gauss-Newton step."""
+        extra = damping * (self.xx + self.yy)
+        return solve_2x2(self.xx + extra, self.xy, self.yy + extra, self.gx, self.gy)
+
+    def decrement(self) -> Array:
+        """Squared length of the undamped step, in standard deviations of the estimate."""
+        step_x, step_y = self.step(np.zeros(()))
+        return self.gx * step_x + self.gy * step_y
+
+    def cov(self) -> tuple[Array, Array, Array]:
+        """xx, xy, yy of the inverse information."""
+        return inverse_2x2(self.xx, self.xy, self.yy)
+
+    def where(self, better: AnyArray, other: Moments) -> Moments:
+        """These moments where `better`, the other ones elsewhere."""
+        return Moments(*(np.where(better, mine, theirs) for mine, theirs in self._with(other)))
+
+    def put(self, chosen: AnyArray, other: Moments) -> Moments:
+        """These moments, but for the `chosen` columns, which `other` has."""
+        merged = [mine.copy() for mine, _ in self._with(other)]
+        for column, (_, theirs) in zip(merged, self._with(other), strict=True):
+            column[chosen] = theirs
+        return Moments(*merged)
+
+    def _with(self, other: Moments) -> list[tuple[Array, Array]]:
+        return [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
+
+
+def _gaussian() -> Array:
+    return np.empty((0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Measurements of M fixes at N receivers, Gaussian with weights 1 / variance; or exact Rayleigh ranges."""
+
+    transmitter: Array  # (2,)
+    receivers: Array  # (N, 2)
+    ranges: Array  # (N, M); bias removed when Gaussian, as measured when Rayleigh
+    cosines: Array  # (N, M) of the bearings
+    sines: Array
+    range_weight: Array  # (N, 1) 1 / m^2
+    bearing_weight: Array  # (N, 1) 1 / rad^2; 0 = bearings do not count
+    scale: Array = field(default_factory=_gaussian)  # (N, 1) m of Rayleigh range errors; empty = Gaussian
+
+    def without_bearings(self) -> Likelihood:
+        """The same with range sums alone."""
+        return replace(self, bearing_weight=np.zeros_like(self.bearing_weight))
+
+    def cost(self, x: Array, y: Array) -> Array:
+        """(M,) negative log-likelihood up to a constant."""
+        dx, dy, _, _, _, total = self.legs(x, y)
+        range_cost, _, _ = self._range_terms(self.ranges - total)
+        turn = np.arctan2(self.sines * dx - self.cosines * dy, self.cosines * dx + self.sines * dy)
+        cost: Array = (range_cost + 0.5 * self.bearing_weight * turn * turn).sum(axis=0)
+        return cost
+
+    def moments(self, x: Array, y: Array) -> Moments:
+        """Cost, descent direction and Gauss-Newton information at (x, y), each (M,).
+
+        Rows of G: the range sum's gradient is the sum of the unit vectors from transmitter and receiver (eq. 14), the
+        bearing's the unit vector across over the distance (eq. 20).
+        """
+        dx, dy, distance, ex, ey, total = self.legs(x, y)
+        cost, score, weight = self._range_terms(self.ranges - total)
+        ux, uy = dx / distance, dy / distance
+        gx, gy = ux + ex, uy + ey
+        turn = np.arctan2(self.sines * ux - self.cosines * uy, self.cosines * ux + self.sines * uy)
+        pull = self.bearing_weight * turn
+        across = pull / distance
+        information = _information(gx, gy, weight, ux, uy, self.bearing_weight / (distance * distance))
+        return Moments(
+            x,
+            y,
+            (cost + 0.5 * pull * turn).sum(axis=0),
+            (score * gx - across * uy).sum(axis=0),
+            (score * gy + across * ux).sum(axis=0),
+            *(term.sum(axis=0) for term in information),
+        )
+
+    def cov(self, at: Moments) -> tuple[Array, Array, Array]:
+        """(M,) xx, xy, yy of the inverse information at a fix.
+
+        A fix knows its distance to a receiver no better than range_std, so that one upon a receiver must not take the
+        bearing for a sharp position: the bearing's lever is sqrt(distance^2 + range_std^2).
+        """
+        dx, dy, distance, ex, ey, total = self.legs(at.x, at.y)
+        _, _, weight = self._range_terms(self.ranges - total)
+        ux, uy = dx / distance, dy / distance
+        across = self.bearing_weight / (distance * distance + 1.0 / self.range_weight)
+        information = _information(ux + ex, uy + ey, weight, ux, uy, across)
+        return inverse_2x2(*(term.sum(axis=0) for term in information))
+
+    def at_node(self, at: Moments) -> AnyArray:
+        """(M,) where a fix lies upon a node, up to a fraction of range_std.
+
+        The likelihood has a cusp there: a search may rightly end upon it with a gradient that is not zero.
+        """
+        _, _, distance, _, _, total = self.legs(at.x, at.y)
+        nearest = np.minimum(distance, total - distance) * np.sqrt(self.range_weight)
+        upon: AnyArray = nearest.min(axis=0) < _UPON
+        return upon
+
+    def columns(self, chosen: AnyArray) -> Likelihood:
+        """The same for some of the fixes."""
+        return replace(
+            self, ranges=self.ranges[:, chosen], cosines=self.cosines[:, chosen], sines=self.sines[:, chosen]
+        )
+
+    def legs(self, x: Array, y: Array) -> tuple[Array, ...]:
+        """From receivers: dx, dy, distance; from the transmitter: unit vector; and the range sum."""
+        dx, dy = x - self.receivers[:, :1], y - self.receivers[:, 1:]
+        ex, ey = x - self.transmitter[0], y - self.transmitter[1]
+        distance = np.sqrt(dx * dx + dy * dy) + _TINY
+        outward = np.sqrt(ex * ex + ey * ey) + _TINY
+        return dx, dy, distance, ex / outward, ey / outward, distance + outward
+
+    def _range_terms(self, error: Array) -> tuple[Array, Array, Array]:
+        """(N, M) cost, minus its derivative by the range sum, and its second derivative."""
+        if not self.scale.size:
+            return 0.5 * self.range_weight * error * error, self.range_weight * error, self.range_weight
+        return rayleigh_terms(error, self.scale)
+
+
+_TINY = 1e-6  # m: keeps a position upon a receiver finite
+_UPON = 0.05  # range_std
+
+
+def rayleigh_terms(error: Array, scale: Array) -> tuple[Array, Array, Array]:
+    """-log p = u^2/2 - log u, u = error / scale, its derivative by the error and its second derivative.
+
+    Below _EDGE the logarithm goes on as its second-order expansion, so that a search may start beyond the hard edge.
+    """
+    u = error / scale
+    inside = np.maximum(u, _EDGE)
+    beyond = np.minimum(u - _EDGE, 0.0) / _EDGE
+    cost = 0.5 * u * u - np.log(inside) - beyond + 0.5 * beyond * beyond
+    slope = u - (1.0 - beyond) / inside
+    return cost, slope / scale, (1.0 + 1.0 / (inside * inside)) / (scale * scale)
+
+
+_EDGE = 0.02  # 2e-4 of all errors are smaller
+
+
+def _information(
+    gx: Array, gy: Array, weight: Array, ux: Array, uy: Array, across: Array
+) -> tuple[Array, Array, Array]:
+    """(N, M) xx, xy, yy of G^T R^-1 G: range gradient (gx, gy), and across the unit vector (ux, uy)."""
+    along_x, turned = weight * gx, across * uy
+    return along_x * gx + turned * uy, along_x * gy - turned * ux, weight * gy * gy + across * ux * ux
+
+
+def skew_shift(likelihood: Likelihood, at: Moments) -> tuple[Array, Array]:
+    """(M,) x and y from the mode of a Rayleigh likelihood to its mean, to third order (Lindley 1980).
+
+    The mode of a skewed density is a biased estimate; the mean has the least square error.
+    """
+    dx, dy, distance, ex, ey, total = likelihood.legs(at.x, at.y)
+    gx, gy = dx / distance + ex, dy / distance + ey
+    xx, xy, yy = at.cov()
+    spread = xx * gx * gx + 2 * xy * gx * gy + yy * gy * gy
+    pull = spread * np.maximum(likelihood.ranges - total, _EDGE * likelihood.scale) ** -3.0
+    return solve_2x2(at.xx, at.xy, at.yy, -(pull * gx).sum(axis=0), -(pull * gy).sum(axis=0))
+
+
+def single_fixes(likelihood: Likelihood) -> tuple[Array, Array]:
+    """(N, M) x and y: each receiver's own fix, the distance from the range sum along the bearing (eq. 1)."""
+    distance, _ = _receiver_distances(likelihood)
+    x = likelihood.receivers[:, :1] + distance * likelihood.cosines
+    return x, likelihood.receivers[:, 1:] + distance * likelihood.sines
+
+
+def single_information(likelihood: Likelihood, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """(N, M) xx, xy, yy of each receiver's information at its own fix; singular upon its baseline."""
+    ex, ey = x - likelihood.transmitter[0], y - likelihood.transmitter[1]
+    outward = np.sqrt(ex * ex + ey * ey) + _TINY
+    ux, uy = likelihood.cosines, likelihood.sines
+    gx, gy = ux + ex / outward, uy + ey / outward
+    distance, _ = _receiver_distances(likelihood)
+    across = likelihood.bearing_weight / (distance * distance + 1.0 / likelihood.range_weight)
+    return _information(gx, gy, likelihood.range_weight, ux, uy, across)
+
+
+def circle_differences(likelihood: Likelihood) -> tuple[Array, Array]:
+    """(N, M) right sides of eq. 3 with the transmitter as origin, and their variances.
+
+    (b^2 + r_T^2 - R^2) / 2 = (b^2 + r^2) / 2 - r R, with r_T = r - R and both known from one receiver.
+    """
+    bx, by = (likelihood.receivers - likelihood.transmitter).T[:, :, None]
+    r = likelihood.ranges
+    distance, denominator = _receiver_distances(likelihood)
+    right_side = 0.5 * (bx * bx + by * by + r * r) - r * distance
+    by_range = (r - distance) * (1.0 - r / denominator)
+    by_bearing = r * distance * (by * likelihood.cosines - bx * likelihood.sines) / denominator
+    return right_side, by_range**2 / likelihood.range_weight + by_bearing**2 / likelihood.bearing_weight
+
+
+def _receiver_distances(likelihood: Likelihood) -> tuple[Array, Array]:
+    """(N, M) distance from receiver to target R = (r^2 - b^2) / (2 (r + b cos)), and the denominator's half.
+
+    b is the baseline; a range sum below it gives R = 0.
+    """
+    bx, by = (likelihood.receivers - likelihood.transmitter).T[:, :, None]
+    r, square = likelihood.ranges, bx * bx + by * by
+    denominator = np.maximum(r + bx * likelihood.cosines + by * likelihood.sines, _TINY + 1e-3 * np.abs(r))
+    return np.maximum(r * r - square, 0.0) / (2 * denominator), denominator
+
+
+def solve_2x2(xx: Array, xy: Array, yy: Array, bx: Array, by: Array) -> tuple[Array, Array]:
+    """Solution of the symmetric positive semidefinite system; 0 where it is singular."""
+    determinant = xx * yy - xy * xy
+    regular = determinant > _SINGULAR * (xx + yy) ** 2
+    scale = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=regular)
+    return (yy * bx - xy * by) * scale, (xx * by - xy * bx) * scale
+
+
+def inverse_2x2(xx: Array, xy: Array, yy: Array) -> tuple[Array, Array, Array]:
+    """xx, xy, yy of the inverse of a symmetric matrix; infinite variances where it is singular."""
+    determinant = xx * yy - xy * xy
+    regular = determinant > _SINGULAR * (xx + yy) ** 2
+    scale = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=regular)
+    return np.where(regular, yy * scale, np.inf), -xy * scale, np.where(regular, xx * scale, np.inf)
+
+
+_SINGULAR = 1e-14
