@@ -1,5 +1,6 @@
 """A bag through live nodes gives what it gives offline, message for message."""
 
+import dataclasses
 from collections import defaultdict
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ def messages(bag: Path) -> dict[str, list[Any]]:
     found = defaultdict(list)
     for record in Bag(bag).records():
         if record.topic != "/diagnostics":
-            found[record.topic].append(deserialize(record.data, record.msgtype))
+            found[record.topic].append(dataclasses.asdict(deserialize(record.data, record.msgtype)))
     return dict(found)
 
 

@@ -9,8 +9,11 @@ from ..contract import Output
 from ..graph import Graph
 from ..stages.catalog import STAGES
 from ..stages.runner import Refusal, Runner
+from ..wire.codec import codec
 from ..wiring import StageWiring, upstream_first, wire_stage
+from .types import BagMake
 
+_MAKE = BagMake()
 Published = tuple[str, Any]  # full topic name, core value
 
 
@@ -49,7 +52,14 @@ class Pipeline:
         for own_name, value in emissions:
             topic = wiring.node.resolve(own_name)
             yield topic, value
-            yield from self.push(topic, value)
+            if any(topic in member.inputs for member, _ in self._members):
+                yield from self.push(topic, _as_received(value))
+
+
+def _as_received(value: Any) -> Any:
+    """The value as a subscriber reads it: a bearing that went through a quaternion differs in its last digit."""
+    form = codec(type(value))
+    return form.decode(form.encode(_MAKE, value), value.t_ns)
 
 
 def _runner(wiring: StageWiring, tell: Callable[[str, Refusal], None]) -> Runner:

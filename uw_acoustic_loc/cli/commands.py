@@ -109,8 +109,9 @@ def score(options: Namespace) -> int:
     from .recording import load
     from .score import score as run
 
-    _print_score(run(load(options.bag)), options.json)
-    return 0
+    recording = load(options.bag)
+    _print_score(run(recording), options.json)
+    return _damage(list(recording.damage))
 
 
 def report(options: Namespace) -> int:
@@ -122,7 +123,7 @@ def report(options: Namespace) -> int:
     recording = load(options.bag)
     write_report(recording, run(recording), options.output)
     STDERR.print(f"report in {options.output}")
-    return 0
+    return _damage(list(recording.damage))
 
 
 def _launch(graph: Path, record: Path | None, duration: float) -> int:
