@@ -1,0 +1,124 @@
+"""Where in the samples a ping is: frames joined to blocks, and energy in the band against the noise floor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .gcc import Envelopes
+from .types import AnyArray, Array, Samples
+
+DB = 10.0 / math.log(10.0)  # dB per unit of the logarithm of a power
+_MEAN_LOG = 1.0 - 0.5772156649015329  # of |n0|^2 + |n1|^2 in noise of power 1 per channel: digamma(2)
+_QUIET = 0.3  # quantile of the level that is taken as noise: pings and echoes may fill most of a block
+_HEADROOM = 6.0  # dB
+_FLOOR_TIME = 2.0  # s over which the noise floor adapts
+_JITTER = 1e-3  # s by which the stamps of adjoining frames may disagree
+_SILENCE = 1e-30  # power that stands for digital silence
+
+
+class FrameJoiner:
+    """Puts the tail of the last frame before the next, for pings that straddle the boundary."""
+
+    def __init__(self, sample_rate: float, tail: float) -> None:
+        self._rate = sample_rate
+        self.tail = round(tail * sample_rate)
+        self._last: Samples | None = None
+        self.gaps = 0
+
+    def join(self, frame: Samples) -> Samples:
+        """The block that ends with the frame; after a gap in the stamps it is the frame alone."""
+        block = frame if self._last is None else self._joined(self._last, frame)
+        keep = slice(max(0, block.h0.size - self.tail), None)
+        t_ns = block.t_ns + round(1e9 * keep.start / self._rate)
+        self._last = Samples(t_ns, block.h0[keep], block.h1[keep])
+        return block
+
+    def _joined(self, last: Samples, frame: Samples) -> Samples:
+        expected = last.t_ns + round(1e9 * last.h0.size / self._rate)
+        if abs(frame.t_ns - expected) > _JITTER * 1e9 or last.h0.dtype != frame.h0.dtype:
+            self.gaps += 1
+            return frame
+        t_ns = frame.t_ns - round(1e9 * last.h0.size / self._rate)
+        return Samples(t_ns, np.concatenate([last.h0, frame.h0]), np.concatenate([last.h1, frame.h1]))
+
+
+@dataclass(frozen=True)
+class Ping:
+    """A ping in a block of envelopes."""
+
+    start: int  # first envelope sample
+    t_ns: int  # when it reached the middle of the array
+
+
+class PingDetector:
+    """The pings of one band: mean log energy over a pulse length against the noise floor (Choi et al. 2016, eq. 1).
+
+    The logarithm is taken before the mean and no sample counts for more than the threshold and some headroom, so that
+    a click does not pass for a ping, nor a loud echo for the direct path before it.
+    """
+
+    def __init__(self, pulse_length: float, min_period: float) -> None:
+        self._pulse, self._period = pulse_length, min_period
+        self._floor = math.nan
+        self._last_ns = -(1 << 62)
+
+    @property
+    def noise_power(self) -> float:
+        """Of an envelope sample of one channel; NaN before the first block."""
+        return math.exp(self._floor - _MEAN_LOG)
+
+    def detect(self, log_energy: AnyArray, rate: float, t_ns: int, threshold_db: float) -> list[Ping]:
+        """Pings that lie wholly in the block (m,), in time order; one cut by its end is left to the next block."""
+        window = max(4, round(self._pulse * rate))
+        if log_energy.size < 2 * window:
+            return []
+        sums, level = _means(log_energy, window)
+        self._adapt(level[:: max(1, window // 8)], log_energy.size / rate)
+        _, level = _means(np.minimum(log_energy, self._floor + (threshold_db + _HEADROOM) / DB), window)
+        done = math.ceil(((self._last_ns - t_ns) * 1e-9 + self._period) * rate)
+        starts = sorted(self._starts(level, max(0, done), threshold_db / DB, round(self._period * rate)))
+        onsets = [_onset(sums, k, window) for k in starts]
+        pings = [Ping(k, t_ns + round(1e9 * k / rate)) for k in onsets]
+        if pings:
+            self._last_ns = pings[-1].t_ns
+        return pings
+
+    def _adapt(self, level: Array, duration: float) -> None:
+        quiet = float(np.partition(level, int(_QUIET * level.size))[int(_QUIET * level.size)])
+        share = 1.0 if math.isnan(self._floor) else min(1.0, duration / _FLOOR_TIME)
+        self._floor = quiet if share == 1.0 else self._floor + share * (quiet - self._floor)
+
+    def _starts(self, level: Array, done: int, threshold: float, apart: int) -> list[int]:
+        """The strongest first, each silencing its echoes; a maximum at the block's edge is a ping that is cut."""
+        left = level - self._floor
+        left[:done] = -math.inf
+        found = []
+        while left[k := int(np.argmax(left))] > threshold:
+            if 0 < k < level.size - 1 and level[k - 1] <= level[k]:
+                found.append(k)
+            left[max(0, k - apart) : k + apart] = -math.inf
+        return found
+
+
+def log_energies(envelopes: Envelopes) -> AnyArray:
+    """(B, m) logarithm of the energy of both channels together."""
+    x = envelopes.values
+    return np.asarray(np.log((x.real**2 + x.imag**2).sum(axis=1) + np.float32(_SILENCE)))
+
+
+def _means(log_energy: AnyArray, window: int) -> tuple[Array, Array]:
+    """(m + 1,) running sums, and (m + 1 - window,) means of the windows that start at each sample."""
+    sums = np.concatenate([[0.0], np.cumsum(log_energy, dtype=np.float64)])
+    return sums, (sums[window:] - sums[:-window]) / window
+
+
+def _onset(sums: Array, start: int, window: int) -> int:
+    """The steepest rise near the strongest window: echoes pull the window late, the rise is the direct path's."""
+    half = window // 2
+    k = np.arange(max(half, start - half), min(sums.size - 1 - half, start + half // 2) + 1)
+    if k.size == 0:
+        return start
+    return int(k[np.argmax(sums[k + half] - 2 * sums[k] + sums[k - half])])
