@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from ..config import build, param
+from ..resources import resource
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,20 @@ class Scenario:
     def rng(self, *key: int) -> np.random.Generator:
         """The random numbers of one sensor (and frame): the same for the same seed and key, whatever else runs."""
         return np.random.default_rng([self.seed, *key])
+
+
+def find_scenario(name: str, base: Path) -> Path:
+    """The file of a scenario: a path, taken from `base` when relative, or the name of one that comes with the package.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if (base / name).is_file():
+        return (base / name).resolve()
+    try:
+        return resource(f"config/{name}/scenario.yaml")
+    except FileNotFoundError:
+        raise ValueError(f"scenario '{name}' is neither a file below {base} nor one of the package's") from None
 
 
 def load_scenario(path: Path) -> Scenario:
