@@ -130,6 +130,16 @@ def test_a_killed_node_is_started_again_and_the_exit_code_tells(bench: Bench, do
     assert node_processes(f"ROS_DOMAIN_ID={domain}") == []
 
 
+def test_nodes_do_not_outlive_a_killed_launcher(bench: Bench, domain: int, small: Path) -> None:
+    launcher = subprocess.Popen(
+        [sys.executable, "-m", "uw_acoustic_loc", "launch", str(small)], stderr=subprocess.DEVNULL
+    )
+    bench.wait(lambda: len(node_processes(f"ROS_DOMAIN_ID={domain}")) == 2, "two node processes")
+    launcher.kill()
+    launcher.wait()
+    bench.wait(lambda: not node_processes(f"ROS_DOMAIN_ID={domain}"), "their end")
+
+
 def tracker(domain: int) -> int | None:
     """The mooring tracker's process."""
     for pid in node_processes(f"ROS_DOMAIN_ID={domain}"):

@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from .spin import LAUNCHER
+
 _BACKOFF_S = (0.1, 0.5, 1.0, 2.0, 5.0)
 _PATIENCE_S = 5.0  # for each of SIGINT, SIGTERM
 USER_ERROR = 1  # the exit code of a node that has said in one sentence what is wrong: starting it again cannot help
@@ -92,6 +94,7 @@ def _ended(code: int) -> str:
 def _environment(command: list[str]) -> dict[str, str]:
     """One thread per node for linear algebra: many small matrices, many nodes on few cores."""
     environment = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1", **os.environ}
+    environment[LAUNCHER] = str(os.getpid())
     if command[0] != sys.executable:  # the wheels' start-up guard belongs to this interpreter
         environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
     return environment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -11,6 +12,9 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+
+
+LAUNCHER = "UWLOC_LAUNCHER"  # environment: process id of the launcher that a node must not outlive
 
 
 class Stop(Exception):
@@ -33,7 +37,7 @@ class Program(Protocol):
 
 
 def run(make_program: Callable[[], Program], args: list[str]) -> int:
-    """Spins a program until SIGINT, SIGTERM or Stop; returns the exit code."""
+    """Spins a program until SIGINT, SIGTERM, Stop, or the death of its launcher; returns the exit code."""
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda signum, _frame: signals.append(signum))
@@ -53,7 +57,7 @@ def _spin(program: Program, signals: list[int]) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(program.node)
     try:
-        while not signals:
+        while not signals and not _orphaned():
             executor.spin_once(timeout_sec=program.idle())
     except ExternalShutdownException:
         pass
@@ -61,3 +65,8 @@ def _spin(program: Program, signals: list[int]) -> None:
         program.close()
         executor.shutdown()
         program.node.destroy_node()
+
+
+def _orphaned() -> bool:
+    launcher = os.environ.get(LAUNCHER)
+    return launcher is not None and os.getppid() != int(launcher)
