@@ -71,12 +71,18 @@ class Bench:
             publisher = self.node.create_publisher(message_class(msgtype), topic, publisher_qos(latched))
             self._publishers[topic] = publisher
             self.wait(lambda: publisher.get_subscription_count() > 0, f"a reader of {topic}")
+            self.wait(lambda: self._heard(topic), f"{topic} to be heard")
         self._publishers[topic].publish(message)
 
     def latch(self, topic: str, value: Any) -> None:
         """Publishes a core value that stays."""
         form = codec(type(value))
         self.publish_message(topic, form.msgtype, form.encode(RosMake(), value), latched=True)
+
+    def _heard(self, topic: str) -> bool:
+        """Whether the nodes that subscribe see the writer too: each side discovers the other on its own."""
+        reports = self.sync.ask(list(self.processes), finish=False, timeout_s=LIMIT_S)
+        return all(report["in"][topic]["writers"] > 0 for report in reports.values() if topic in report["in"])
 
     def listen(self, topic: str, kind: type) -> None:
         """Collects core values in `received`; waits for the writer."""

@@ -36,7 +36,7 @@ class DriverNode:
         self._transforms = Transforms(self.node)
         self._events: Iterator[Event] = source.events()
         self._latched = {output.topic for output in source.outputs if output.latched}
-        self._started, self._missed = False, 0
+        self._started, self._missed, self._reached_ns = False, 0, 0
         self._next: Event | None = next(self._events, None)
         self._shift_ns = self._shift(config, scenario.start_ns)
         self._send_latched()
@@ -54,6 +54,7 @@ class DriverNode:
         while self._next is not None and self._next[0] <= now_ns:
             self._publish(self._next)
             self._next = next(self._events, None)
+        self._reached_ns = now_ns
         if self._next is None:
             return 0.1
         return min(0.1, max(0.0005, (self._next[0] - now_ns) * 1e-9))
@@ -112,4 +113,4 @@ class DriverNode:
         return Status(Status.OK, "running" if self._next else "the scenario is over", values)
 
     def _report(self) -> dict[str, Any]:
-        return {"out": self._publishers.report(), "in": {}, "over": self._next is None}
+        return {"out": self._publishers.report(), "in": {}, "reached_ns": self._reached_ns}

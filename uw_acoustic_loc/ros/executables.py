@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from pathlib import Path
 
 from ..sim.catalog import SOURCES
@@ -13,6 +14,7 @@ from .player import PlayerNode
 from .recorder import RecorderNode
 from .spin import Program, run
 
+BUG = 70  # EX_SOFTWARE of sysexits.h
 EXECUTABLES = (*SOURCES, *STAGES, "recorder", "player")
 
 
@@ -22,7 +24,11 @@ def main(arguments: list[str]) -> int:
         print(f"usage: uw_acoustic_loc.ros {{{'|'.join(EXECUTABLES)}}} [--ros-args ...]", file=sys.stderr)
         return 2
     executable, *rest = arguments
-    return run(lambda: _program(executable), [executable, *rest])
+    try:
+        return run(lambda: _program(executable), [executable, *rest])
+    except Exception:  # a bug: its traceback, and an exit code that is not the user's error
+        traceback.print_exc()
+        return BUG
 
 
 def script() -> int:

@@ -22,11 +22,14 @@ from ..stages.catalog import STAGES
 from ..wire.codec import codec
 from ..wiring import DriverWiring, Wiring, upstream_first, wire
 from .processes import USER_ERROR, NodeProcess, SharedMemory
-from .sync import SyncClient, outstanding, unmatched
+from .sync import SyncClient, behind, outstanding, unmatched
 
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
 _DRAIN_S = 30.0
 _TICK_S = 0.02  # real time between two /clock messages
+_WINDOW_S = 0.25  # of the clock, after which it waits for the slowest node: half of what inputs wait for each other
+_ALL_EVERY = 8  # windows between two checks of the nodes that have a single input, and so no order to lose
+_BOOKS_S = 5.0
 _OURS = ("recorder", "player")
 
 
@@ -54,6 +57,7 @@ class Launcher:
             raise ValueError(f"bag {run.record} exists already: choose another name or remove it")
         wirings = [wire(node) for node in graph.nodes]
         self._wirings = upstream_first(wirings)
+        self._ordered = _ordered(self._wirings)
         self._sim_time = graph.clock_rate > 0 or not run.clock
         self._start_ns = _start_ns(wirings)
         self._recorder = self._recorder_node() if run.record else None
@@ -72,7 +76,9 @@ class Launcher:
         self._node = rclpy.create_node(f"uwloc_launcher_{os.getpid()}")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._clock = self._node.create_publisher(Clock, "/clock", 10) if self._run.clock and self._sim_time else None
+        self._clock: Any = (
+            self._node.create_publisher(Clock, "/clock", 10) if self._run.clock and self._sim_time else None
+        )
         try:
             for name, command in self._commands.items():
                 self._processes[name] = NodeProcess(name, command, self._log)
@@ -110,24 +116,41 @@ class Launcher:
 
     def _drive(self) -> int:
         """Advances /clock (if it is ours) and watches the nodes until the end."""
-        begun = time.monotonic()
+        rate = self._graph.clock_rate if self._clock else 1.0
+        begun, checked = time.monotonic(), 0.0
         while not self._stopped:
-            real = time.monotonic() - begun
-            now = real * self._graph.clock_rate if self._clock else real
-            if self._run.duration and now >= self._run.duration:
-                break
-            if self._clock:
-                self._clock.publish(_clock(self._start_ns + int(now * 1e9)))
+            now = (time.monotonic() - begun) * rate
+            if self._clock and now >= checked + _WINDOW_S:
+                checked = now = checked + _WINDOW_S
+                self._tick(now)
+                self._wait_for_books(now)
+                begun = max(begun, time.monotonic() - now / rate)  # the clock stands still for a slow node
+            elif self._clock:
+                self._tick(now)
             if self._run.progress:
                 self._run.progress(now)
-            ended = self._watch()
-            if ended is not None:
+            if (ended := self._watch()) is not None:
                 return ended
-            self._executor.spin_once(timeout_sec=_TICK_S)
-            time.sleep(max(0.0, begun + real + _TICK_S - time.monotonic()))
-        if self._clock and self._run.duration:
-            self._clock.publish(_clock(self._start_ns + int(self._run.duration * 1e9)))
+            if self._run.duration and now >= self._run.duration:
+                break
+            self._executor.spin_once(timeout_sec=0.0)
+            time.sleep(_TICK_S)
         return 0
+
+    def _tick(self, now: float) -> None:
+        now = min(now, self._run.duration) if self._run.duration else now
+        self._clock.publish(_clock(self._start_ns + round(now * 1e9)))
+
+    def _wait_for_books(self, now: float) -> None:
+        """Until the drivers have published up to `now` and everybody has taken what was sent: inputs of a node are
+        never further apart than a window, however slow a node is, so the speed of a run cannot change its result.
+        """
+        t_ns = self._start_ns + round(now * 1e9)
+        everybody = round(now / _WINDOW_S) % _ALL_EVERY == 0
+        names = [name for name in self._steady() if everybody or name in self._ordered]
+        wrong = self._sync.until(names, lambda r: behind(r, t_ns) + outstanding(r, {}), _BOOKS_S)
+        if wrong and not self._stopped:
+            self._log("launcher", f"the clock did not wait any longer: {'; '.join(wrong)}")
 
     def _watch(self) -> int | None:
         """The exit code when the run is over because a node ended for good."""
@@ -166,10 +189,13 @@ class Launcher:
 
     def _drain(self) -> None:
         """Waits until everything that was published has been taken by whoever subscribed all the time."""
-        steady = [n for n in self._ours if self._processes[n].exit_code() is None and not self._processes[n].restarts]
-        wrong = self._sync.until(steady, lambda reports: outstanding(reports, {}), _DRAIN_S)
+        wrong = self._sync.until(self._steady(), lambda reports: outstanding(reports, {}), _DRAIN_S)
         if wrong:
             self._log("launcher", f"lost on the way: {'; '.join(wrong)}")
+
+    def _steady(self) -> list[str]:
+        """Nodes that have run since the start: the books of the others are not complete."""
+        return [n for n in self._ours if self._processes[n].exit_code() is None and not self._processes[n].restarts]
 
     def _on_signal(self, _number: int, _frame: Any) -> None:
         self._stopped = True
@@ -211,6 +237,14 @@ class Launcher:
             params |= {"topics": f"[{', '.join(pairs)}]"}
             params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
         return GraphNode("recorder", "recorder", "/", None, {}, params)
+
+
+def _ordered(wirings: Sequence[Wiring]) -> set[str]:
+    """Nodes with several streams to put in order, and all that are upstream of them."""
+    found = [w for w in wirings if sum(not wanted.latched for wanted in w.inputs.values()) > 1]
+    while upstream := [w for w in wirings if w not in found and any(set(w.outputs) & set(f.inputs) for f in found)]:
+        found += upstream
+    return {wiring.node.full_name for wiring in found}
 
 
 def _start_ns(wirings: Sequence[Wiring]) -> int:

@@ -38,7 +38,7 @@ class StageNode:
         self._watch = InputWatch()
         Diagnostics(self.node, self._status)
         SyncService(self.node, self._report, self._finish)
-        on_change(self.node, self._config, self._change)
+        on_change(self.node, self._config, self._check, self._change)
 
     def idle(self) -> float:
         """Nothing to do between callbacks."""
@@ -78,6 +78,12 @@ class StageNode:
 
     def _finish(self) -> None:
         self._send(self._runner.flush())
+
+    def _check(self, config: Any) -> None:
+        """A stage may know more than its config's ranges: what its inputs rule out."""
+        check = getattr(self._runner.stage, "check", None)
+        if check is not None:
+            check(config)
 
     def _change(self, config: Any) -> None:
         self._config = config

@@ -35,8 +35,8 @@ def declare(node: Node, config: Any) -> None:
         node.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
 
 
-def on_change(node: Node, config: Any, apply: Callable[[Any], None]) -> None:
-    """Checks run-time changes with the builder, refuses what cannot change, and hands `apply` the new config."""
+def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Callable[[Any], None]) -> None:
+    """Checks run-time changes with the builder and `allow`, refuses what cannot change, hands `apply` the new config."""
     current = [config]
     changeable = {f.name for f in dataclasses.fields(config) if limits_of(f).changeable}
     known = {f.name for f in dataclasses.fields(config)}
@@ -52,7 +52,7 @@ def on_change(node: Node, config: Any, apply: Callable[[Any], None]) -> None:
                 reason = f"{parameter.name} cannot change while the node runs, only {', '.join(sorted(changeable))} can"
                 return SetParametersResult(successful=False, reason=reason)
         try:
-            rebuilt(parameters)
+            allow(rebuilt(parameters))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -13,6 +13,10 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+try:  # a quarter of the processor time per message; older rclpy 7.1 does not have it
+    from rclpy.experimental import EventsExecutor as make_executor
+except ImportError:
+    make_executor = SingleThreadedExecutor
 
 LAUNCHER = "UWLOC_LAUNCHER"  # environment: process id of the launcher that a node must not outlive
 
@@ -54,7 +58,7 @@ def run(make_program: Callable[[], Program], args: list[str]) -> int:
 
 
 def _spin(program: Program, signals: list[int]) -> None:
-    executor = SingleThreadedExecutor()
+    executor = make_executor()
     executor.add_node(program.node)
     try:
         while not signals and not _orphaned():

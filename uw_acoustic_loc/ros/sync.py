@@ -85,3 +85,8 @@ def outstanding(reports: Reports, sent: Mapping[str, int]) -> list[str]:
         for topic, seen in report["in"].items()
         if seen["taken"] < expected[topic]
     ]
+
+
+def behind(reports: Reports, t_ns: int) -> list[str]:
+    """Drivers that have not published everything up to an instant of the clock."""
+    return [f"{name} is behind the clock" for name, report in reports.items() if report.get("reached_ns", t_ns) < t_ns]
