@@ -13,7 +13,6 @@ from test.ros.conftest import uwloc
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.types import deserialize
 from uw_acoustic_loc.resources import resource
-from uw_acoustic_loc.wire.messages import position_from
 
 REPO = Path(__file__).parents[2]
 HARBOUR = resource("config/harbour")
@@ -60,10 +59,11 @@ def test_both_whales_are_found_or_their_mirror_images(domain: int, tmp_path: Pat
     assert done.returncode == 0, done.stderr
     found = messages(tmp_path / "out")
     for animal, fixes in PUBLISHED.items():
-        ends = [
-            position_from(found[f"/auv1/sources/{animal}/{topic}"][-1]).position[:2]
+        places = [
+            found[f"/auv1/sources/{animal}/{topic}"][-1]["pose"]["pose"]["position"]
             for topic in ("position", "mirror_position")
         ]
+        ends = [np.array([place["x"], place["y"]]) for place in places]
         # one hypothesis on each side of the track, each within 250 m of the published fix of its side
         for fix in fixes:
             assert min(np.hypot(*(end - fix)) for end in ends) < 250.0

@@ -14,9 +14,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 try:  # a quarter of the processor time per message; older rclpy 7.1 does not have it
-    from rclpy.experimental import EventsExecutor as make_executor
+    from rclpy.experimental import EventsExecutor
 except ImportError:
-    make_executor = SingleThreadedExecutor
+    EventsExecutor = SingleThreadedExecutor
 
 LAUNCHER = "UWLOC_LAUNCHER"  # environment: process id of the launcher that a node must not outlive
 
@@ -58,7 +58,7 @@ def run(make_program: Callable[[], Program], args: list[str]) -> int:
 
 
 def _spin(program: Program, signals: list[int]) -> None:
-    executor = make_executor()
+    executor = EventsExecutor()
     executor.add_node(program.node)
     try:
         while not signals and not _orphaned():
