@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,8 +18,8 @@ from rosgraph_msgs.msg import Clock
 from ..graph import Graph, GraphNode
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
-from ..wire.codec import codec
 from ..wiring import DriverWiring, Wiring, upstream_first, wire
+from .command_line import command_line, recorder_node
 from .processes import USER_ERROR, NodeProcess, SharedMemory
 from .sync import SyncClient, behind, outstanding, unmatched
 
@@ -30,7 +29,6 @@ _TICK_S = 0.02  # real time between two /clock messages
 _WINDOW_S = 0.25  # of the clock, after which it waits for the slowest node: half of what inputs wait for each other
 _ALL_EVERY = 8  # windows between two checks of the nodes that have a single input, and so no order to lose
 _BOOKS_S = 5.0
-_OURS = ("recorder", "player")
 
 
 @dataclass(frozen=True)
@@ -60,9 +58,13 @@ class Launcher:
         self._ordered = _ordered(self._wirings)
         self._sim_time = graph.clock_rate > 0 or not run.clock
         self._start_ns = _start_ns(wirings)
-        self._recorder = self._recorder_node() if run.record else None
+        self._recorder = recorder_node(run.record, self._wirings) if run.record else None
         everything = [*([self._recorder] if self._recorder else []), *graph.nodes, *run.extra]
-        self._commands = {node.full_name: self._command(node) for node in everything}
+        drivers = {w.node.full_name: w for w in wirings if isinstance(w, DriverWiring)}
+        self._commands = {
+            node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
+            for node in everything
+        }
         self._ours = [n.full_name for n in everything if n.executable in (*SOURCES, *STAGES, "recorder")]
         self._processes: dict[str, NodeProcess] = {}
         self._stopped = False
@@ -200,44 +202,6 @@ class Launcher:
     def _on_signal(self, _number: int, _frame: Any) -> None:
         self._stopped = True
 
-    # --- commands ---
-
-    def _command(self, node: GraphNode) -> list[str]:
-        program = _program(node, self._graph.path)
-        arguments = ["--ros-args", "--disable-external-lib-logs", "-r", f"__node:={node.name}"]
-        arguments += ["-r", f"__ns:={node.namespace}"]
-        for old, new in node.remap.items():
-            arguments += ["-r", f"{old}:={new}"]
-        if node.params_file:
-            arguments += ["--params-file", str(node.params_file)]
-        for key, value in self._overrides(node).items():
-            arguments += ["-p", f"{key}:={value}"]
-        return program + arguments
-
-    def _overrides(self, node: GraphNode) -> dict[str, Any]:
-        overrides: dict[str, Any] = {"use_sim_time": str(self._sim_time).lower()}
-        wiring = next((w for w in self._wirings if w.node is node), None)
-        if isinstance(wiring, DriverWiring):
-            overrides["scenario"] = wiring.scenario_file
-            if not self._sim_time:  # one start for all drivers, soon after they are up
-                overrides["start_time"] = int(time.time()) + 15
-        if wiring is None:  # the recorder and what came with the run: their parameters are given here
-            overrides |= node.params
-        return overrides
-
-    def _recorder_node(self) -> GraphNode:
-        assert self._run.record is not None
-        outputs = [(topic, o) for wiring in self._wirings for topic, o in wiring.outputs.items()]
-        pairs = [f"{topic} {codec(o.kind).msgtype}" for topic, o in outputs]
-        pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
-        latched = [topic for topic, o in outputs if o.latched]
-        known = all(w.node.executable in (*SOURCES, *STAGES) for w in self._wirings)
-        params: dict[str, Any] = {"bag": self._run.record}
-        if known:  # with nodes of other packages in the graph, the recorder has to look what appears
-            params |= {"topics": f"[{', '.join(pairs)}]"}
-            params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
-        return GraphNode("recorder", "recorder", "/", None, {}, params)
-
 
 def _ordered(wirings: Sequence[Wiring]) -> set[str]:
     """Nodes with several streams to put in order, and all that are upstream of them."""
@@ -250,20 +214,6 @@ def _ordered(wirings: Sequence[Wiring]) -> set[str]:
 def _start_ns(wirings: Sequence[Wiring]) -> int:
     starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, DriverWiring)}
     return min(starts) if starts else time.time_ns()
-
-
-def _program(node: GraphNode, graph: Path) -> list[str]:
-    if node.executable in (*SOURCES, *STAGES, *_OURS):
-        return [sys.executable, "-m", __package__, node.executable]
-    package, _, executable = node.executable.partition("/")
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        path = Path(prefix, "lib", package, executable)
-        if executable and prefix and path.is_file():
-            return [str(path)]
-    raise ValueError(
-        f"graph {graph}: executable '{node.executable}' of node {node.full_name} is unknown: it must be one of"
-        f" {', '.join((*SOURCES, *STAGES, *_OURS))}, or package/executable of an installed ROS 2 package"
-    )
 
 
 def _clock(t_ns: int) -> Clock:

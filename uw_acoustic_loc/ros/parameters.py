@@ -36,7 +36,7 @@ def declare(node: Node, config: Any) -> None:
 
 
 def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Callable[[Any], None]) -> None:
-    """Checks run-time changes with the builder and `allow`, refuses what cannot change, hands `apply` the new config."""
+    """Checks run-time changes with the builder and `allow`, refuses what cannot change, `apply`s the new config."""
     current = [config]
     changeable = {f.name for f in dataclasses.fields(config) if limits_of(f).changeable}
     known = {f.name for f in dataclasses.fields(config)}

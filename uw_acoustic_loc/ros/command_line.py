@@ -1,0 +1,75 @@
+"""The command line of each node's process."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..graph import GraphNode
+from ..sim.catalog import SOURCES
+from ..stages.catalog import STAGES
+from ..wire.codec import codec
+from ..wiring import DriverWiring, Wiring
+
+_OURS = (*SOURCES, *STAGES, "recorder", "player")
+_LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
+
+
+def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWiring | None) -> list[str]:
+    """Program and ROS arguments of a node.
+
+    Raises:
+        ValueError: the executable is unknown.
+    """
+    arguments = [
+        "--ros-args",
+        "--disable-external-lib-logs",
+        "-r",
+        f"__node:={node.name}",
+        "-r",
+        f"__ns:={node.namespace}",
+    ]
+    for old, new in node.remap.items():
+        arguments += ["-r", f"{old}:={new}"]
+    overrides: dict[str, Any] = {"use_sim_time": str(sim_time).lower()}
+    if node.params_file:
+        arguments += ["--params-file", str(node.params_file)]
+    else:  # made here, not read from a file
+        overrides |= node.params
+    if driver:
+        overrides["scenario"] = driver.scenario_file
+        overrides |= {} if sim_time else {"start_time": int(time.time()) + _LEAD_S}
+    for key, value in overrides.items():
+        arguments += ["-p", f"{key}:={value}"]
+    return _program(node, graph) + arguments
+
+
+def recorder_node(bag: Path, wirings: Sequence[Wiring]) -> GraphNode:
+    """The recorder of all that a graph publishes. With other packages' nodes in it, it looks what appears."""
+    outputs = [(topic, output) for wiring in wirings for topic, output in wiring.outputs.items()]
+    pairs = [f"{topic} {codec(output.kind).msgtype}" for topic, output in outputs]
+    pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
+    latched = [topic for topic, output in outputs if output.latched]
+    params: dict[str, Any] = {"bag": bag}
+    if all(wiring.node.executable in _OURS for wiring in wirings):
+        params |= {"topics": f"[{', '.join(pairs)}]"}
+        params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
+    return GraphNode("recorder", "recorder", "/", None, {}, params)
+
+
+def _program(node: GraphNode, graph: Path) -> list[str]:
+    if node.executable in _OURS:
+        return [sys.executable, "-m", str(__package__), node.executable]
+    package, _, executable = node.executable.partition("/")
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        path = Path(prefix, "lib", package, executable)
+        if executable and prefix and path.is_file():
+            return [str(path)]
+    raise ValueError(
+        f"graph {graph}: executable '{node.executable}' of node {node.full_name} is unknown: it must be one of"
+        f" {', '.join(_OURS)}, or package/executable of an installed ROS 2 package"
+    )
