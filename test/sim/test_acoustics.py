@@ -1,10 +1,20 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.sim.acoustics import arrival_times, emissions, images, pulse
+from uw_acoustic_loc.sim.acoustics import absorption, images, pings, pulse, tone_phases
 from uw_acoustic_loc.sim.scenario import Environment, Pinger
 
 PINGER = Pinger(id="a", x=0, y=0, z=-5, band_low=20e3, band_high=30e3, pulse_length=0.01, period=0.1, offset=0.03)
+NOISE = replace(PINGER, pulse="noise")
+AGE = np.arange(10_000) * 1e-6
+
+
+def power_inside(wave, low, high):
+    power = np.abs(np.fft.rfft(wave, 8 * wave.size)) ** 2
+    freq = np.fft.rfftfreq(8 * wave.size, 1e-6)
+    return power[(freq > low) & (freq < high)].sum() / power.sum()
 
 
 def test_images_mirror_the_source_at_surface_and_seabed():
@@ -12,38 +22,82 @@ def test_images_mirror_the_source_at_surface_and_seabed():
     assert positions.T.tolist() == [[1.0, 2.0, -5.0], [1.0, 2.0, 5.0], [1.0, 2.0, -35.0]]
     assert gains.tolist() == [1.0, -0.7, 0.4]
     assert images(np.zeros(3), Environment(bottom_reflection=0.0))[1].tolist() == [1.0, -0.7]
+    assert images(np.zeros(3), Environment(reflections=0))[1].tolist() == [1.0]
 
 
-def test_the_light_time_equation_is_solved():
-    def receiver(t):
-        return np.stack([20.0 - 15.0 * t, 3.0 * np.sin(t), 0.0 * t])
-
-    sources = np.array([[100.0, -40.0], [0.0, 30.0], [-10.0, -3.0]])
-    emission, speed = np.array([1.0, 2.5]), np.array([1500.0, 1490.0])
-    arrival = arrival_times(sources, emission, receiver, speed)
-    travelled = np.linalg.norm(receiver(arrival) - sources, axis=0)
-    assert speed * (arrival - emission) == pytest.approx(travelled, abs=1e-7)  # far below a wavelength
-
-
-def test_an_approaching_receiver_hears_a_shorter_pulse():
-    def receiver(t):
-        return np.stack([-100.0 + 2.0 * t, 0.0 * t, 0.0 * t])
-
-    first, last = arrival_times(np.zeros((3, 2)), np.array([0.0, 0.01]), receiver, np.full(2, 1500.0))
-    assert (last - first) / 0.01 == pytest.approx(1500.0 / 1502.0, rel=1e-9)
-
-
-def test_the_pulse_sweeps_its_band_with_soft_edges():
-    age = np.linspace(0.0, 0.01, 10_001)
-    wave = pulse(PINGER, age)
-    assert np.abs(wave[[0, -1]]).max() < 1e-6
-    assert np.abs(wave).max() == pytest.approx(100.0, rel=1e-3)
-    power = np.abs(np.fft.rfft(wave)) ** 2
-    freq = np.fft.rfftfreq(wave.size, 1e-6)
-    assert power[(freq > 20e3) & (freq < 30e3)].sum() > 0.99 * power.sum()
+def test_higher_orders_alternate_between_the_boundaries():
+    """Every image is as far from a receiver as a ray that is folded at the boundaries, bounce by bounce, is long."""
+    depth, z, receiver = 20.0, -5.0, -12.0
+    env = Environment(depth=depth, reflections=3)
+    positions, gains = images(np.array([0.0, 0.0, z]), env)
+    found = sorted(zip(np.abs(positions[2] - receiver).tolist(), gains.tolist(), strict=True))
+    up, down, s, b = -z, z + depth, -0.7, 0.4  # first leg towards the surface, towards the seabed
+    up_end, down_end = -receiver, receiver + depth  # last leg from the surface, from the seabed
+    rays = [
+        (abs(z - receiver), 1.0),
+        (up + up_end, s),
+        (down + down_end, b),
+        (up + depth + down_end, s * b),
+        (down + depth + up_end, b * s),
+        (up + 2 * depth + up_end, s * b * s),
+        (down + 2 * depth + down_end, b * s * b),
+    ]
+    assert np.array(found) == pytest.approx(np.array(sorted(rays)))
 
 
-def test_emissions_keep_to_the_period():
-    assert emissions(PINGER, -5.0, 0.25) == pytest.approx([0.03, 0.13, 0.23])
-    assert emissions(PINGER, 0.13, 0.23) == pytest.approx([0.13])
-    assert emissions(PINGER, 0.14, 0.22).size == 0
+def test_absorption_agrees_with_published_values():
+    """arlpy's worked example for 10 m; Ainslie & McColm (1998), who fit the same data within 10 % here."""
+    warm = Environment(temperature=27.0, ph=8.1, depth=20.0)
+    assert absorption(50e3, warm) == pytest.approx(10.71e-3, abs=0.005e-3)
+    for temperature in (4.0, 12.0, 25.0):
+        env = Environment(temperature=temperature, depth=1.0)
+        for f in (2.0, 25.0, 100.0):
+            f1, f2 = 0.78 * np.exp(temperature / 26), 42 * np.exp(temperature / 17)
+            boric, water = 0.106 * f1 / (f1**2 + f**2), 0.00049 * np.exp(-temperature / 27)
+            magnesium = 0.52 * (1 + temperature / 43) * f2 / (f2**2 + f**2)
+            assert absorption(f * 1e3, env) == pytest.approx(1e-3 * f**2 * (boric + magnesium + water), rel=0.1)
+
+
+def test_absorption_is_continuous_where_the_formula_changes():
+    below, above = (absorption(400e3, Environment(temperature=20.0 + d)) for d in (0.0, 1e-9))
+    assert below == pytest.approx(above, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["chirp", "tone", "noise"])
+def test_pulses_start_and_end_softly_and_have_the_level_of_the_source(kind):
+    pinger = replace(PINGER, pulse=kind)
+    phases = tone_phases(pinger, np.random.default_rng(3))
+    wave = pulse(pinger, AGE, phases)
+    assert np.abs(pulse(pinger, np.array([-1e-3, -1e-9, 0.0, 0.01, 0.011]), phases)).max() < 1e-6
+    middle = wave[1000:9000]
+    assert np.sqrt(2 * np.mean(middle**2)) == pytest.approx(100.0, rel=0.1 if kind == "noise" else 0.01)
+    assert power_inside(wave, 19.8e3, 30.2e3) > 0.99
+
+
+def test_the_chirp_sweeps_up_and_the_tone_stays():
+    for kind, early, late in (("chirp", 22e3, 28e3), ("tone", 25e3, 25e3)):
+        wave = pulse(replace(PINGER, pulse=kind), AGE)
+        rises = AGE[1:][(wave[:-1] < 0) & (wave[1:] >= 0)]
+        for instant, expected in ((2e-3, early), (8e-3, late)):
+            near = rises[np.abs(rises - instant) < 5e-4]
+            assert (near.size - 1) / (near[-1] - near[0]) == pytest.approx(expected, rel=0.01)
+
+
+def test_a_noise_pulse_is_the_sum_of_its_tones_at_any_instant():
+    phases = tone_phases(NOISE, np.random.default_rng(5))
+    assert phases.size == 100
+    age = np.random.default_rng(6).uniform(0.002, 0.008, 50)  # where the edges are 1
+    freq = 20e3 + 100.0 * (np.arange(100) + 0.5)
+    expected = 100.0 * np.sin(2 * np.pi * np.outer(age, freq) + phases).sum(axis=1) / 10.0
+    assert pulse(NOISE, age, phases) == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_noise_pulse_needs_its_phases():
+    with pytest.raises(ValueError, match="phases must be \\(K,\\) for a noise pulse, got None"):
+        pulse(NOISE, AGE)
+
+
+def test_pings_keep_to_the_period():
+    assert list(pings(PINGER, -5.0, 0.25)) == [0, 1, 2]
+    assert list(pings(PINGER, 0.13, 0.23)) == [1]
+    assert list(pings(PINGER, 0.14, 0.22)) == []

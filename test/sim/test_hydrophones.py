@@ -13,8 +13,20 @@ from uw_acoustic_loc.sim.trajectory import Trajectory
 SCENARIO = replace(load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml"), duration=1.0)
 
 
-def with_array(**changes):
-    return replace(SCENARIO, hydrophones=replace(SCENARIO.hydrophones, **changes))
+QUIET = replace(
+    SCENARIO,
+    environment=replace(SCENARIO.environment, ambient_level=0.0, snap_rate=0.0),
+    hydrophones=replace(SCENARIO.hydrophones, noise_std=0.0, format="float32"),
+)
+
+
+def with_array(scenario, **changes):
+    return replace(scenario, hydrophones=replace(scenario.hydrophones, **changes))
+
+
+def one_path(scenario):
+    """Without echoes, and one pinger."""
+    return replace(scenario, environment=replace(scenario.environment, reflections=0), pingers=scenario.pingers[:1])
 
 
 def test_events_are_in_order_and_stamped_with_the_first_sample():
@@ -42,18 +54,15 @@ def test_a_frame_does_not_depend_on_those_before():
 
 def test_pulses_run_on_across_frames():
     """The same second in frames of 0.1 s and of 0.025 s."""
-    quiet = {"noise_std": 0.0, "format": "float32"}
-    long = HydrophoneSource(with_array(frame_length=0.1, **quiet))
-    short = HydrophoneSource(with_array(frame_length=0.025, **quiet))
+    long = HydrophoneSource(with_array(QUIET, frame_length=0.1))
+    short = HydrophoneSource(with_array(QUIET, frame_length=0.025))
     joined = np.concatenate([short.frame(k).h1 for k in range(40)])
     assert joined == pytest.approx(np.concatenate([long.frame(k).h1 for k in range(10)]), abs=1e-5)
 
 
 def test_the_delay_between_the_hydrophones_is_that_of_the_geometry():
     """Cross-correlation of the noiseless direct path of one pinger, against positions at the time of arrival."""
-    environment = replace(SCENARIO.environment, surface_reflection=0.0, bottom_reflection=0.0)
-    array = replace(SCENARIO.hydrophones, noise_std=0.0, format="float32", sample_rate=1e6, array_yaw=0.4)
-    scenario = replace(SCENARIO, environment=environment, hydrophones=array, pingers=SCENARIO.pingers[:1])
+    scenario = with_array(one_path(QUIET), sample_rate=1e6, array_yaw=0.4)
     source, k = HydrophoneSource(scenario), 3
     frame = source.frame(k)
     arrival = k * 0.1 + np.flatnonzero(frame.h0)[0] / 1e6
@@ -68,9 +77,9 @@ def test_the_delay_between_the_hydrophones_is_that_of_the_geometry():
 
 
 def test_the_converter_scales_and_clips():
-    source = HydrophoneSource(with_array(full_scale=1.0))
+    source = HydrophoneSource(with_array(SCENARIO, full_scale=1.0))
     frame, info = source.frame(3), next(source.events())[2]
-    exact = HydrophoneSource(with_array(format="float32", full_scale=1e6)).frame(3)
+    exact = HydrophoneSource(with_array(SCENARIO, format="float32", full_scale=1e6)).frame(3)
     assert frame.h0.dtype == np.int16
     assert frame.h0.max() == 32767
     assert frame.h0.min() == -32767
@@ -78,11 +87,48 @@ def test_the_converter_scales_and_clips():
 
 
 def test_the_level_falls_with_the_distance():
-    quiet = replace(with_array(noise_std=0.0, format="float32"), pingers=SCENARIO.pingers[:1])
-    still = replace(quiet, environment=replace(quiet.environment, surface_reflection=0.0, bottom_reflection=0.0))
-    source = HydrophoneSource(still)
+    source = HydrophoneSource(one_path(QUIET))
     distance = np.linalg.norm(np.array([20.0, 17.0, -15.5]) - source.positions(np.array([0.35]), np.array([0]))[:, 0])
     assert np.abs(source.frame(3).h0).max() == pytest.approx(100.0 / distance, rel=0.02)
+
+
+def test_the_second_channel_lags_by_its_delay_and_has_its_gain():
+    """A delay of 10 samples is the same sound 10 samples later; the first channel does not change."""
+    plain = HydrophoneSource(QUIET).frame(3)
+    array = with_array(QUIET, channel_delay=1e-4, channel_gain_db=-3.0)
+    frame = HydrophoneSource(array).frame(3)
+    assert np.array_equal(frame.h0, plain.h0)
+    assert frame.h1[10:] == pytest.approx(10 ** (-3 / 20) * plain.h1[:-10], abs=1e-4)
+
+
+def test_noise_and_snaps_are_heard_and_belong_to_the_frame():
+    silent = replace(QUIET, pingers=())
+    assert not HydrophoneSource(silent).frame(2).h0.any()
+    for change in ({"ambient_level": 90.0}, {"snap_rate": 1000.0}):
+        source = HydrophoneSource(replace(silent, environment=replace(silent.environment, **change)))
+        assert source.frame(2).h0.any()
+        assert np.array_equal(source.frame(2).h0, source.frame(2).h0)
+        assert not np.array_equal(source.frame(2).h0, source.frame(3).h0)
+
+
+def test_every_noise_pulse_is_its_own_and_the_same_each_time():
+    scenario = one_path(QUIET)
+    (pinger,) = scenario.pingers
+    noisy = replace(scenario, pingers=(replace(pinger, pulse="noise", offset=0.0),), vehicle=SCENARIO.vehicle)
+    long, short = HydrophoneSource(noisy), HydrophoneSource(with_array(noisy, frame_length=0.025))
+    frame = long.frame(4).h0
+    assert np.concatenate([short.frame(k).h0 for k in range(16, 20)]) == pytest.approx(frame, abs=1e-5)
+    assert abs(np.corrcoef(frame, long.frame(5).h0)[0, 1]) < 0.3  # of about 120 independent values
+
+
+@pytest.mark.parametrize(("part", "z"), [("hydrophones", -15.0), ("pinger a", -15.5)])
+def test_everything_lies_above_the_seabed(part, z):
+    shallow = replace(
+        SCENARIO, environment=replace(SCENARIO.environment, depth=15.2 if part != "hydrophones" else 14.0)
+    )
+    sentence = f"scenario: {part} must lie between the seabed at -.* m and 0 m, got {z:g} m"
+    with pytest.raises(ValueError, match=sentence):
+        HydrophoneSource(shallow)
 
 
 def test_a_vehicle_is_needed():

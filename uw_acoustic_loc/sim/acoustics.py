@@ -1,48 +1,109 @@
-"""Sound from a still source to a moving receiver between surface and seabed: image sources and the light-time
-equation, solved exactly, so that delay, Doppler and spreading follow from the geometry.
-"""
+"""What a source sends and over which paths it arrives: pulses, image sources, absorption."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.types import AnyArray, Array
 from .scenario import Environment, Pinger
 
 EDGE = 0.1  # share of a pulse taken by each raised-cosine edge
-_ITERATIONS = 5  # of the light-time equation; each gains a factor c / v
 
 
 def images(source: Array, env: Environment) -> tuple[Array, Array]:
-    """(3, P) image sources and (P,) amplitude coefficients: direct, over the surface, over the bottom."""
+    """(3, P) image sources and (P,) amplitude coefficients: direct, then from each boundary on in turn.
+
+    Allen & Berkley (1979) for two boundaries: a path of n bounces leaves towards the surface or towards the seabed
+    and then alternates, so order n has 2 n + 1 images. A path whose coefficient is 0 is left out.
+    """
     x, y, z = source
-    heights = np.array([z, -z, -2.0 * env.depth - z])
-    gains = np.array([1.0, env.surface_reflection, env.bottom_reflection])
-    positions = np.stack([np.full(3, x), np.full(3, y), heights])
+    ends = [(z, 1.0), (z, 1.0)]
+    paths = ends[:1]
+    for bounce in range(env.reflections):
+        ends = [_mirrored(end, (first + bounce) % 2 == 0, env) for first, end in enumerate(ends)]
+        paths += ends
+    heights, gains = np.array(paths).T
+    positions = np.stack([np.full(gains.size, x), np.full(gains.size, y), heights])
     return positions[:, gains != 0.0], gains[gains != 0.0]
 
 
-def arrival_times(sources: Array, emission: Array, receiver: Callable[[Array], Array], sound_speed: Array) -> Array:
-    """Times (n,) at which what sources (3, n) emit at times (n,) reaches a receiver whose path is `receiver(times)`."""
-    arrival = emission
-    for _ in range(_ITERATIONS):
-        arrival = emission + np.sqrt(np.square(receiver(arrival) - sources).sum(axis=0)) / sound_speed
-    return np.asarray(arrival, dtype=np.float64)
+def absorption(frequency: float, env: Environment) -> float:
+    """dB/m of sea water at half the depth, frequency in Hz (Francois & Garrison 1982, part II: boric acid, magnesium
+    sulphate and pure water).
+
+    50 kHz, 27 degrees C, 35 psu, pH 8.1, 20 m of water: 0.01071 dB/m.
+    """
+    f, T, S, D = frequency * 1e-3, env.temperature, env.salinity, 0.5 * env.depth
+    c = 1412.0 + 3.21 * T + 1.19 * S + 0.0167 * D
+    boric = 8.86 / c * 10 ** (0.78 * env.ph - 5.0)
+    f1 = 2.8 * math.sqrt(S / 35.0) * 10 ** (4.0 - 1245.0 / (273.0 + T))
+    magnesium = 21.44 * S / c * (1.0 + 0.025 * T) * (1.0 - 1.37e-4 * D + 6.2e-9 * D**2)
+    f2 = 8.17 * 10 ** (8.0 - 1990.0 / (273.0 + T)) / (1.0 + 0.0018 * (S - 35.0))
+    if T <= 20.0:
+        water = 4.937e-4 - 2.59e-5 * T + 9.11e-7 * T**2 - 1.5e-8 * T**3
+    else:
+        water = 3.964e-4 - 1.146e-5 * T + 1.45e-7 * T**2 - 6.5e-10 * T**3
+    water *= 1.0 - 3.83e-5 * D + 4.9e-10 * D**2
+    return 1e-3 * f**2 * (boric * f1 / (f1**2 + f**2) + magnesium * f2 / (f2**2 + f**2) + water)
 
 
-def pulse(pinger: Pinger, age: Array) -> Array:
-    """Pressure at 1 m, linear chirp with raised-cosine edges, at ages in [0, pulse_length]."""
-    phase = age / pinger.pulse_length
-    sweep = pinger.band_low + (0.5 * (pinger.band_high - pinger.band_low)) * phase
-    edge = np.minimum(np.minimum(phase, 1.0 - phase) / EDGE, 1.0)
-    wave = np.sin(2 * np.pi * sweep * age) * (pinger.source_level * np.sin(0.5 * np.pi * edge) ** 2)
-    return np.asarray(wave, dtype=np.float64)
+def pulse(pinger: Pinger, age: Array, phases: Array | None = None) -> Array:
+    """Pressure at 1 m at ages (n,) in s, with raised-cosine edges; 0 outside [0, pulse_length].
+
+    A noise pulse is a sum of tones of equal amplitude across the band, 1 / pulse_length apart, with random phases
+    (K,) from `tone_phases`: the same at every fractional instant. Its period is the pulse's length.
+
+    Raises:
+        ValueError: a noise pulse without phases.
+    """
+    share = age / pinger.pulse_length
+    edge = np.clip(np.minimum(share, 1.0 - share) / EDGE, 0.0, 1.0)
+    centre = 0.5 * (pinger.band_low + pinger.band_high)
+    if pinger.pulse == "noise":
+        wave = _tones(pinger, age, phases)
+    elif pinger.pulse == "tone":
+        wave = _sine(centre * age)
+    else:
+        wave = _sine((pinger.band_low + (centre - pinger.band_low) * share) * age)
+    return np.asarray(pinger.source_level * wave * np.square(_sine(0.25 * edge)), dtype=np.float64)
 
 
-def emissions(pinger: Pinger, begin: float, end: float) -> Array:
-    """(K,) emission times of the pings that start in [begin, end), none before the pinger's offset."""
-    first = max(0, int(np.ceil((begin - pinger.offset) / pinger.period)))
-    last = int(np.ceil((end - pinger.offset) / pinger.period))
-    return np.asarray(pinger.offset + pinger.period * np.arange(first, max(first, last)), dtype=np.float64)
+def tone_phases(pinger: Pinger, rng: np.random.Generator) -> Array:
+    """(K,) phases in rad of a noise pulse's tones."""
+    count = max(1, round((pinger.band_high - pinger.band_low) * pinger.pulse_length))
+    return rng.uniform(0.0, 2 * np.pi, count)
+
+
+def pings(pinger: Pinger, begin: float, end: float) -> range:
+    """Indices of the pings that start in [begin, end); ping k starts at offset + k period, k >= 0."""
+    first = max(0, math.ceil((begin - pinger.offset) / pinger.period))
+    return range(first, max(first, math.ceil((end - pinger.offset) / pinger.period)))
+
+
+def _sine(turns: Array) -> AnyArray:
+    """float32 sine; whole turns are taken off before, so that its error is 2e-7 whatever their number."""
+    return np.asarray(np.sin((2 * np.pi * (turns - np.rint(turns))).astype(np.float32)))
+
+
+def _mirrored(end: tuple[float, float], at_surface: bool, env: Environment) -> tuple[float, float]:
+    """Height and coefficient of a path after one more bounce."""
+    height, gain = end
+    if at_surface:
+        return -height, gain * env.surface_reflection
+    return -2.0 * env.depth - height, gain * env.bottom_reflection
+
+
+def _tones(pinger: Pinger, age: Array, phases: Array | None) -> Array:
+    """Sum of all tones with mean square 1/2, by Horner's rule on the powers of one tone."""
+    if phases is None:
+        raise ValueError("phases must be (K,) for a noise pulse, got None")
+    step = (pinger.band_high - pinger.band_low) / phases.size
+    turn = np.exp(2j * np.pi * step * age)
+    total = np.zeros(age.shape, complex)
+    for weight in np.exp(1j * phases[::-1]):
+        total *= turn
+        total += weight
+    total *= np.exp(2j * np.pi * (pinger.band_low + 0.5 * step) * age)
+    return np.asarray(total.imag / math.sqrt(phases.size))

@@ -4,38 +4,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
 from ..contract import Event, Output
 from ..core.geometry import hydrophone_positions, rotation_from_rpy
 from ..core.types import AnyArray, Array, HydrophoneInfo, Point, Samples
-from .acoustics import arrival_times, emissions, images, pulse
+from .acoustics import absorption, images, pings, pulse, tone_phases
+from .channel import Knots, Paths, Ping, Reception
+from .converter import convert, scale
 from .environment import SoundSpeed
-from .scenario import Pinger, Scenario
+from .noise import GaussianNoise, add_snaps
+from .scenario import Environment, Pinger, Scenario
 from .trajectory import Trajectory
 
 _KEY = 0x4A7D  # keeps this noise apart from the other sensors'
-_COUNTS = 32767
+_PULSE_KEY = 0x4A7E  # of the noise pulses
 
 
 class HydrophoneSource:
     """Frame k covers [k L, (k + 1) L) after the start and is available at its end.
 
     Raises:
-        ValueError: the scenario has no vehicle to carry the hydrophones.
+        ValueError: the scenario has no vehicle to carry the hydrophones, or something lies below the seabed.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         if scenario.vehicle is None:
             raise ValueError("scenario: key 'vehicle' is missing, the hydrophones need one that carries them")
-        self._scenario, self._array, self._vehicle = scenario, scenario.hydrophones, scenario.vehicle
+        self._scenario, self._array, env = scenario, scenario.hydrophones, scenario.environment
         self._trajectory = Trajectory(scenario.vehicle)
         self._sound_speed = SoundSpeed(scenario)
         self._size = round(self._array.frame_length * self._array.sample_rate)
         turned = rotation_from_rpy(0.0, 0.0, self._array.array_yaw) @ hydrophone_positions(self._array.spacing).T
         self._in_base = turned + np.array(self._array.array_position)[:, None]
-        self._images = [images(np.array([p.x, p.y, p.z]), scenario.environment) for p in scenario.pingers]
+        _check_above_seabed("hydrophones", scenario.vehicle.z + self._array.array_position[2], env)
+        self._paths = [_paths(p, env) for p in scenario.pingers]
+        self._knots = Knots(self._size, self._array.sample_rate)
+        self._noise = GaussianNoise(env, self._array, self._size)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -54,11 +61,11 @@ class HydrophoneSource:
     def frame(self, k: int) -> Samples:
         """Frame k, the same whichever frames were made before."""
         begin = k * self._size / self._array.sample_rate
-        pressure = self._scenario.rng(_KEY, k).standard_normal((2, self._size), dtype=np.float32)
-        pressure *= np.float32(self._array.noise_std)
-        for pinger, (paths, gains) in zip(self._scenario.pingers, self._images, strict=True):
-            self._add(pinger, paths, gains, begin, pressure)
-        h0, h1 = self._converted(pressure)
+        rng = self._scenario.rng(_KEY, k)
+        pressure = self._noise.draw(rng)
+        add_snaps(pressure, self._scenario.environment, self._array, rng)
+        self._add_pings(begin, pressure)
+        h0, h1 = convert(pressure, self._array)
         return Samples(self._scenario.t_ns(begin), h0, h1)
 
     def positions(self, time: Array, channel: Array) -> Array:
@@ -71,52 +78,39 @@ class HydrophoneSource:
     def _info(self) -> HydrophoneInfo:
         """What a driver knows: the mean sound speed, not the true one."""
         a, c = self._array, self._scenario.environment.sound_speed
-        return HydrophoneInfo(self._scenario.start_ns, a.sample_rate, a.spacing, c, a.full_scale / _COUNTS)
+        return HydrophoneInfo(self._scenario.start_ns, a.sample_rate, a.spacing, c, scale(a))
 
-    def _add(self, pinger: Pinger, paths: Array, gains: Array, begin: float, pressure: AnyArray) -> None:
-        """Adds what of a pinger's sound reaches the hydrophones during the frame, over all paths."""
-        end = begin + self._size / self._array.sample_rate
-        times = emissions(pinger, begin - self._longest(paths, begin, end) - pinger.pulse_length, end)
-        path, emission, channel = (
-            a.ravel() for a in np.meshgrid(np.arange(gains.size), times, np.array([0, 1]), indexing="ij")
-        )
-        first, last = self._arrivals(paths[:, path], emission, channel, pinger.pulse_length)
-        level = gains[path] / ((first - emission) * self._sound_speed.at(emission))  # spherical spreading
-        for k in range(level.size):
-            self._add_pulse(pinger, level[k], first[k] - begin, last[k] - begin, pressure[channel[k]])
+    def _add_pings(self, begin: float, pressure: AnyArray) -> None:
+        """Adds what reaches the hydrophones during the frame; pings that began in an earlier one go on."""
+        late = np.array([[0.0], [self._array.channel_delay]])
+        times = begin + self._knots.times - late
+        channel = np.repeat([0, 1], self._knots.times.size)
+        positions = self.positions(times.ravel(), channel).reshape(3, *times.shape)
+        for k, (pinger, paths) in enumerate(zip(self._scenario.pingers, self._paths, strict=True)):
+            reception = Reception(self._knots, times, positions, paths)
+            for ping in self._pings(k, pinger, times, reception.reach):
+                reception.add(ping, pressure)
 
-    def _longest(self, paths: Array, begin: float, end: float) -> float:
-        """A travel time that no sound arriving during the frame exceeds."""
-        here = self._trajectory.at(begin).positions
-        reach = float(np.sqrt(np.square(paths - here).sum(axis=0)).max()) + float(np.abs(self._in_base).sum())
-        env = self._scenario.environment
-        return (reach + self._vehicle.speed * (end - begin)) / (env.sound_speed - env.sound_speed_range)
+    def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[Ping]:
+        """The pings of a pinger that may be heard at the times, at a distance within reach."""
+        env, length = self._scenario.environment, pinger.pulse_length
+        slowest, fastest = env.sound_speed - env.sound_speed_range, env.sound_speed + env.sound_speed_range
+        for n in pings(pinger, times.min() - reach[1] / slowest - length, times.max() - reach[0] / fastest):
+            emission = pinger.offset + n * pinger.period
+            phases = tone_phases(pinger, self._scenario.rng(_PULSE_KEY, k, n))
+            c = float(self._sound_speed.at(emission))
+            yield Ping(emission, length, c, partial(pulse, pinger, phases=phases))
 
-    def _arrivals(self, sources: Array, emission: Array, channel: Array, length: float) -> Array:
-        """(2, n) arrival of the beginning and of the end of each pulse."""
-        emitted = np.concatenate([emission, emission + length])
-        both = np.concatenate([channel, channel])
-        c = np.tile(self._sound_speed.at(emission), 2)
-        heard = arrival_times(np.tile(sources, 2), emitted, lambda t: self.positions(t, both), c)
-        return heard.reshape(2, -1)
 
-    def _add_pulse(self, pinger: Pinger, level: float, first: float, last: float, pressure: AnyArray) -> None:
-        """Adds a pulse heard from `first` to `last` s after the frame's first sample.
+def _paths(pinger: Pinger, env: Environment) -> Paths:
+    _check_above_seabed(f"pinger {pinger.id}", pinger.z, env)
+    centre = 0.5 * (pinger.band_low + pinger.band_high)
+    return Paths(*images(np.array([pinger.x, pinger.y, pinger.z]), env), absorption(centre, env))
 
-        Between its ends the emission time is linear in the arrival time; the curvature is below 2 ns at 2 m/s.
-        """
-        rate = self._array.sample_rate
-        low, high = max(0, math.ceil(first * rate)), min(pressure.size, math.floor(last * rate) + 1)
-        if low < high:
-            age = (np.arange(low, high) / rate - first) * (pinger.pulse_length / (last - first))
-            pressure[low:high] += level * pulse(pinger, age)
 
-    def _converted(self, pressure: AnyArray) -> AnyArray:
-        limit = np.float32(self._array.full_scale)
-        clipped = np.clip(pressure, -limit, limit)
-        if self._array.format == "float32":
-            return clipped
-        return np.rint(clipped * (np.float32(_COUNTS) / limit)).astype(np.int16)
+def _check_above_seabed(name: str, z: float, env: Environment) -> None:
+    if not -env.depth <= z <= 0.0:
+        raise ValueError(f"scenario: {name} must lie between the seabed at {-env.depth:g} m and 0 m, got {z:g} m")
 
 
 def _truth(pinger: Pinger) -> str:

@@ -22,6 +22,15 @@ class Environment:
     depth: float = param(40.0, unit="m", low=1, doc="flat seabed, below the surface at z = 0")
     surface_reflection: float = param(-0.7, low=-1, high=1, doc="amplitude coefficient")
     bottom_reflection: float = param(0.4, low=-1, high=1, doc="amplitude coefficient")
+    reflections: int = param(1, low=0, high=20, doc="most bounces between surface and seabed that a path may have")
+    temperature: float = param(12.0, unit="deg C", low=-2, high=40, doc="for the absorption")
+    salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for the absorption")
+    ph: float = param(8.0, low=7, high=9, doc="for the absorption")
+    ambient_level: float = param(0.0, unit="dB re 1 uPa^2/Hz at 1 kHz", low=0, high=200, doc="0 = none")
+    ambient_slope: float = param(-17.0, unit="dB/decade", low=-60, high=0, doc="above 1 kHz (Wenz 1962); flat below")
+    snap_rate: float = param(0.0, unit="1/s", low=0, high=1e4, doc="snaps of shrimp, from all directions")
+    snap_alpha: float = param(1.7, low=0.1, high=2, doc="characteristic exponent of the snaps' amplitudes")
+    snap_scale: float = param(1.0, unit="Pa", low=1e-9, doc="scale of the snaps' amplitudes at the array")
 
 
 @dataclass(frozen=True)
@@ -63,11 +72,13 @@ class Hydrophones:
     full_scale: float = param(20.0, unit="Pa", low=1e-6, doc="pressure of the largest count")
     format: str = param("int16", choices=("int16", "float32"))
     noise_std: float = param(0.2, unit="Pa", low=0, doc="white noise over the whole band, per sample")
+    channel_gain_db: float = param(0.0, unit="dB", low=-40, high=40, doc="of hydrophone 1 over hydrophone 0")
+    channel_delay: float = param(0.0, unit="s", low=-1e-3, high=1e-3, doc="of hydrophone 1 behind hydrophone 0")
 
 
 @dataclass(frozen=True)
 class Pinger:
-    """A source that repeats a linear chirp (or a tone burst when band_low = band_high) on its own band."""
+    """A source that repeats a pulse in its own band: a linear chirp, a tone at the band's centre, or noise."""
 
     id: str = param()
     x: float = param(unit="m")
@@ -78,7 +89,8 @@ class Pinger:
     pulse_length: float = param(0.01, unit="s", low=1e-5, high=1)
     period: float = param(0.1, unit="s", low=1e-3)
     offset: float = param(0.0, unit="s", low=0, doc="first emission after the start")
-    source_level: float = param(100.0, unit="Pa at 1 m", low=0, doc="amplitude")
+    source_level: float = param(100.0, unit="Pa at 1 m", low=0, doc="amplitude; of noise, sqrt(2) times its rms")
+    pulse: str = param("chirp", choices=("chirp", "tone", "noise"))
 
 
 @dataclass(frozen=True)
