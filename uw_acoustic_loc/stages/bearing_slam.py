@@ -1,4 +1,4 @@
-"""IMU, Doppler log and bearings in, the vehicle's corrected state and the pingers' positions in odom out."""
+"""Bearings, IMU and Doppler log in; the vehicle's corrected track and the pingers in odom out."""
 
 from __future__ import annotations
 
@@ -11,29 +11,25 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Status
 from ..core.geometry import quat_from_rpy
-from ..core.inertial import ATTITUDE, POSITION, VELOCITY
+from ..core.inertial import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, YAW
 from ..core.slam import Slam, SlamConfig
-from ..core.types import Bearing, BodyVelocity, Imu, Odometry, Position
-
-_PINGER_PERIOD_NS = 500_000_000  # of a pinger's published position
-_POSE = [*range(POSITION.start, ATTITUDE.stop)]  # x y z roll pitch yaw
+from ..core.types import Array, Bearing, BodyVelocity, Imu, Odometry, Position
 
 
 class BearingSlamStage:
-    """Publishes the vehicle at every Doppler log stamp, a pinger at most twice a second."""
+    """EKF-SLAM; odom is where the vehicle was at the first IMU message."""
 
     Config: ClassVar[type] = SlamConfig
 
     def __init__(self, config: SlamConfig) -> None:
-        self._config = config
         self._slam = Slam(config)
-        self._published_ns: dict[str, int] = {}
+        self._told_ns: dict[str, int] = {}
 
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (
             Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
-            for name in self._config.source_ids
+            for name in self._slam.config.source_ids
         )
         return (
             Input("imu/data", Imu, self._on_imu, frame="base_link"),
@@ -43,51 +39,76 @@ class BearingSlamStage:
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        pingers = (Output(f"slam/sources/{name}/position", Position) for name in self._config.source_ids)
-        return (Output("slam/odometry", Odometry), *pingers)
+        positions = (Output(_position_topic(name), Position) for name in self._slam.config.source_ids)
+        return (Output("slam/odometry", Odometry), *positions)
 
     def status(self) -> Status:
-        values: dict[str, float | int | str] = {"dvl used": self._slam.dvl.used, "dvl unused": self._slam.dvl.unused}
-        for name in self._config.source_ids:
-            if (fix := self._slam.position(name)) is not None:
-                values[f"{name}.position_std_m"] = math.sqrt(fix.cov[0, 0] + fix.cov[1, 1])
-        placed = sum(self._slam.position(name) is not None for name in self._config.source_ids)
-        return Status(Status.OK, f"{placed} of {len(self._config.source_ids)} pingers are placed", values)
+        slam = self._slam
+        values: dict[str, float | int | str] = {"dvl.used": slam.dvl.used, "dvl.unused": slam.dvl.unused}
+        values["position_std_m"] = math.sqrt(slam.joint.cov[0, 0] + slam.joint.cov[1, 1])
+        values["yaw_std_rad"] = math.sqrt(slam.joint.cov[YAW, YAW])
+        for name, pinger in slam.pingers.items():
+            values |= {f"{name}.{key}": getattr(pinger, key) for key in ("used", "unused", "restarts", "nis")}
+        heard = [name for name in slam.config.source_ids if name in slam.pingers]
+        both = [name for name in heard if slam.pingers[name].both_sides]
+        unknown = [name for name in heard if slam.pingers[name].fix is None and name not in both]
+        silent = [name for name in slam.config.source_ids if name not in heard]
+        parts = {"no bearing yet of": silent, "range not yet known of": unknown, "both sides remain possible of": both}
+        message = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
+        return Status(Status.WARN if silent else Status.OK, message or "running", values)
 
     def change(self, config: SlamConfig) -> None:
-        self._config = self._slam.config = config
+        self._slam.config = config
 
     def _on_imu(self, imu: Imu) -> Iterator[Emission]:
         self._slam.on_imu(imu.t_ns, imu.angular, imu.acceleration)
-        yield from ()
+        if self._due("slam/odometry", imu.t_ns, _ODOMETRY_PERIOD_NS):
+            yield "slam/odometry", _odometry(imu.t_ns, self._slam)
 
     def _on_velocity(self, velocity: BodyVelocity) -> Iterator[Emission]:
         self._slam.on_velocity(velocity.t_ns, velocity.linear)
-        yield "slam/odometry", self._odometry(velocity.t_ns)
+        yield from ()
 
     def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
         self._slam.on_bearing(name, bearing.t_ns, bearing.bearing, bearing.variance, bearing.position[:2])
-        fix = self._slam.position(name)
-        if fix is None or bearing.t_ns - self._published_ns.get(name, 0) < _PINGER_PERIOD_NS:
-            return
-        self._published_ns[name] = bearing.t_ns
-        cov = np.diag([0.0, 0.0, -1.0])
-        cov[:2, :2] = fix.cov
-        z = float(self._slam.joint.mean[2])  # two hydrophones say nothing about the depth
-        yield f"slam/sources/{name}/position", Position(bearing.t_ns, np.array([*fix.mean, z]), cov)
+        fix, topic = self._slam.position(name), _position_topic(name)
+        if fix is not None and self._due(topic, bearing.t_ns, _POSITION_PERIOD_NS):
+            cov = np.zeros((3, 3))
+            cov[:2, :2], cov[2, 2] = fix.cov, -1.0  # z is not observed: the vehicle's is told
+            yield topic, Position(bearing.t_ns, np.array([*fix.mean, self._slam.joint.mean[2]]), cov, "odom")
 
-    def _odometry(self, t_ns: int) -> Odometry:
-        mean, cov = self._slam.joint.mean, self._slam.joint.cov
-        twist_cov = np.zeros((6, 6))
-        twist_cov[:3, :3] = cov[VELOCITY, VELOCITY]
-        twist_cov[3:, 3:] = np.eye(3) * self._config.gyro_std**2
-        quat = quat_from_rpy(*(float(angle) for angle in mean[ATTITUDE]))
-        return Odometry(
-            t_ns=t_ns,
-            position=mean[POSITION].copy(),
-            quat_xyzw=quat,
-            linear=mean[VELOCITY].copy(),
-            angular=self._slam.angular,
-            pose_cov=cov[np.ix_(_POSE, _POSE)],
-            twist_cov=twist_cov,
-        )
+    def _due(self, topic: str, t_ns: int, period_ns: int) -> bool:
+        due = t_ns - self._told_ns.get(topic, -period_ns) >= period_ns
+        if due:
+            self._told_ns[topic] = t_ns
+        return due
+
+
+def _position_topic(name: str) -> str:
+    return f"slam/sources/{name}/position"
+
+
+def _odometry(t_ns: int, slam: Slam) -> Odometry:
+    mean, cov = slam.joint.mean, slam.joint.cov
+    roll, pitch, yaw = mean[ATTITUDE].tolist()
+    return Odometry(
+        t_ns,
+        mean[POSITION].copy(),
+        quat_from_rpy(roll, pitch, yaw),
+        mean[VELOCITY].copy(),
+        slam.angular,
+        cov[:6, :6].copy(),
+        _twist_cov(slam),
+    )
+
+
+def _twist_cov(slam: Slam) -> Array:
+    """(6, 6): of the velocity as estimated; of the angular rate, the gyro's noise and that of its bias."""
+    twist, cov = np.zeros((6, 6)), slam.joint.cov
+    twist[:3, :3] = cov[VELOCITY, VELOCITY]
+    twist[3:, 3:] = cov[GYRO_BIAS, GYRO_BIAS] + slam.config.gyro_std**2 * np.eye(3)
+    return twist
+
+
+_ODOMETRY_PERIOD_NS = 100_000_000
+_POSITION_PERIOD_NS = 500_000_000

@@ -1,0 +1,190 @@
+"""EKF-SLAM with bearings of several pingers, an IMU and a Doppler log (Choi et al. 2016, section 3)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..config import param
+from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, jacobians, moved
+from .joint import Joint, Prediction
+from .localizer import check_ranges, check_source_ids, independent_share, std_of
+from .slam_pinger import Pinger, Pose
+from .triangulation import Fix
+from .types import Array
+
+
+@dataclass(frozen=True)
+class SlamConfig:
+    """Parameters of bearing-only SLAM."""
+
+    source_ids: tuple[str, ...] = param(doc="the pingers, each with its topic sources/<id>/bearing")
+    method: str = param("ekf", choices=("ekf",))
+    bearing_noise: str = param("gaussian", choices=("gaussian", "student_t"), doc="student_t: outliers count for less")
+    bearing_std: float = param(0.0, unit="rad", low=0, high=3, changeable=True, doc="0 = the message's own variance")
+    bearing_correlation_time: float = param(
+        0.5, unit="s", low=0, high=1e4, changeable=True, doc="of the bearing errors; 0 = independent bearings"
+    )
+    range_min: float = param(2.0, unit="m", low=1e-3, doc="a pinger is not nearer than this when it starts")
+    range_max: float = param(200.0, unit="m", low=1e-3, doc="nor farther than this")
+    array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
+    mirror: bool = param(False, doc="the side of the array is not known: carry both until one has won")
+    mirror_probability: float = param(1e-3, low=1e-12, high=0.4, doc="a side less probable than this is dropped")
+    gyro_std: float = param(0.01, unit="rad/s", low=1e-9, doc="white, per sample")
+    gyro_bias_std: float = param(0.002, unit="rad/s", low=0, doc="at the start")
+    gyro_bias_walk: float = param(1e-5, unit="rad/s per sqrt(s)", low=0)
+    accelerometer_std: float = param(0.1, unit="m/s^2", low=1e-9, doc="white, per sample")
+    dvl_std: float = param(0.005, unit="m/s", low=1e-9, doc="white, per sample and axis")
+    dvl_bias_std: float = param(0.005, unit="m/s", low=0, doc="constant, per axis")
+    tilt_std: float = param(0.02, unit="rad", low=1e-6, doc="how level the vehicle is at the start")
+    gate_sigma: float = param(5.0, unit="sigma", low=1, changeable=True, doc="measurements beyond this are not used")
+    reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the pinger anew")
+    imu_timeout: float = param(0.5, unit="s", low=0.01, doc="DVL and bearings need an IMU message not older than this")
+    seed: int = param(1, low=0)
+
+    def __post_init__(self) -> None:
+        check_source_ids(self.source_ids)
+        check_ranges(self.range_min, self.range_max)
+
+
+@dataclass
+class Counts:
+    """What the Doppler log's gate did."""
+
+    used: int = 0
+    unused: int = 0
+    in_a_row: int = field(default=0, repr=False)
+
+
+class Slam:
+    """The vehicle starts at the origin of odom, level, yaw 0. Measurements come in stamp order.
+
+    Biases of the gyro and of the Doppler log are states: as white noise they would make the estimate overconfident.
+    Bearing errors with a correlation time count with `independent_share`.
+    """
+
+    def __init__(self, config: SlamConfig) -> None:
+        self.config = config
+        variances = np.zeros(SIZE)
+        variances[ATTITUDE] = config.tilt_std**2, config.tilt_std**2, 0.0
+        variances[VELOCITY] = _START_SPEED**2
+        variances[GYRO_BIAS], variances[LOG_BIAS] = config.gyro_bias_std**2, config.dvl_bias_std**2
+        self.joint = Joint(np.zeros(SIZE), variances)
+        self.pingers: dict[str, Pinger] = {}
+        self.dvl = Counts()
+        self._rates, self._force = np.zeros(3), np.zeros(3)
+        self._raw = Pose(0.0, 0.0, 0.0, 0.0)  # dead reckoning with the biases in it
+        self._heard_ns: dict[str, int] = {}
+        self._t_ns = self._imu_ns = 0
+        self._interval = 0.0  # s between the last two IMU readings
+
+    @property
+    def angular(self) -> Array:
+        """(3,) the last angular rate without its bias."""
+        return self._rates - self.joint.mean[GYRO_BIAS]
+
+    def on_imu(self, t_ns: int, rates: Array, force: Array) -> None:
+        """Moves the vehicle to the stamp with the reading before this one, which then holds until the next (eq. 9)."""
+        if self._imu_ns:
+            self._require_order(t_ns)
+            self._interval = (t_ns - self._imu_ns) * 1e-9
+            self._advance(t_ns)
+        self._rates, self._force, self._imu_ns, self._t_ns = rates, force, t_ns, t_ns
+
+    def on_velocity(self, t_ns: int, linear: Array) -> None:
+        """Corrects by a Doppler log's velocity over ground, three scalars."""
+        self._require_imu(t_ns)
+        self._advance(t_ns)
+        if not self._velocity_fits(linear):
+            return
+        for axis in range(3):
+            prediction = self._predicted_velocity(axis)
+            self.joint.correct(prediction, float(linear[axis]) - prediction.value, self.config.dvl_std**2)
+
+    def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
+        """Corrects by a bearing (eq. 11-15) of an array at `offset` (2,) in the vehicle's frame, or starts the pinger.
+
+        Raises:
+            ValueError: no recent IMU reading, an unusable variance, or a stamp that does not advance.
+        """
+        std = self.config.bearing_std or std_of(variance)
+        self._require_imu(t_ns)
+        if t_ns <= self._heard_ns.get(source_id, 0):
+            raise ValueError(f"bearing at {t_ns} ns must come after the one at {self._heard_ns[source_id]} ns")
+        self._advance(t_ns)
+        interval = (t_ns - self._heard_ns[source_id]) * 1e-9 if source_id in self._heard_ns else math.inf
+        share = independent_share(interval, self.config.bearing_correlation_time)
+        self._heard_ns[source_id] = t_ns
+        pinger = self.pingers.setdefault(source_id, Pinger(self.joint))
+        pinger.update(self.config, self._raw, bearing, std, share, offset)
+
+    def position(self, source_id: str) -> Fix | None:
+        """Where a pinger is; None while its side or its range is not known."""
+        return self.pingers[source_id].fix if source_id in self.pingers else None
+
+    def _advance(self, t_ns: int) -> None:
+        duration = (t_ns - self._t_ns) * 1e-9
+        steps = max(1, math.ceil(duration / _LONGEST_STEP))
+        for _ in range(steps if duration > 0 else 0):
+            self._step(duration / steps)
+        self._t_ns = t_ns
+
+    def _step(self, dt: float) -> None:
+        config, joint, interval = self.config, self.joint, self._interval
+        lost = interval > config.imu_timeout  # the held reading then says little about the gap
+        gyro = max(config.gyro_std, lost * _LOST_RATE) ** 2 * interval  # power densities of the held noise
+        accelerometer = max(config.accelerometer_std, lost * _LOST_ACCELERATION) ** 2 * interval
+        self._raw = _reckoned(self._raw, joint.mean[VELOCITY] + joint.mean[LOG_BIAS], float(self._rates[2]), dt)
+        mean = moved(joint.mean, self._rates, self._force, dt)
+        F, G = jacobians(joint.mean, self._rates, dt)
+        Q = G @ G.T * (gyro / dt)
+        Q[_VELOCITY_DIAGONAL] += accelerometer * dt
+        joint.move(mean, F, Q)
+        joint.widen(GYRO_BIAS, config.gyro_bias_walk**2 * dt)
+
+    def _predicted_velocity(self, axis: int) -> Prediction:
+        columns = [VELOCITY.start + axis, LOG_BIAS.start + axis]
+        return self.joint.predict(float(self.joint.mean[columns].sum()), columns, np.ones(2))
+
+    def _velocity_fits(self, linear: Array) -> bool:
+        """The gate; a vehicle that was pushed fails it too, so the third failure in a row opens it."""
+        limit = self.config.gate_sigma**2
+        predictions = [self._predicted_velocity(axis) for axis in range(3)]
+        errors = [float(v) - p.value for v, p in zip(linear, predictions, strict=True)]
+        ratios = [e * e / (p.variance + self.config.dvl_std**2) for e, p in zip(errors, predictions, strict=True)]
+        fits = max(ratios) <= limit
+        self.dvl.in_a_row = 0 if fits else self.dvl.in_a_row + 1
+        if self.dvl.in_a_row == _PUSHED:
+            self.joint.widen(VELOCITY, max(e * e for e in errors))
+            self.dvl.in_a_row, fits = 0, True
+        self.dvl.used, self.dvl.unused = self.dvl.used + fits, self.dvl.unused + (not fits)
+        return fits
+
+    def _require_order(self, t_ns: int) -> None:
+        if t_ns < self._t_ns:
+            raise ValueError(f"stamp {t_ns} ns must not be before {self._t_ns} ns, which has been handled")
+
+    def _require_imu(self, t_ns: int) -> None:
+        if not self._imu_ns:
+            raise ValueError("no IMU reading yet")
+        self._require_order(t_ns)
+        age = (t_ns - self._imu_ns) * 1e-9
+        if age > self.config.imu_timeout:
+            raise ValueError(f"the IMU is {age:.3f} s behind, allowed are {self.config.imu_timeout:g} s")
+
+
+def _reckoned(raw: Pose, velocity: Array, rate: float, dt: float) -> Pose:
+    u, v, _ = velocity.tolist()
+    midway = raw.yaw + rate * dt / 2
+    c, s = math.cos(midway), math.sin(midway)
+    return Pose(raw.x + (c * u - s * v) * dt, raw.y + (s * u + c * v) * dt, raw.yaw + rate * dt, raw.time + dt)
+
+
+_START_SPEED = 3.0  # m/s, std per axis before the Doppler log speaks
+_LONGEST_STEP = 0.02  # s
+_LOST_RATE = 0.2  # rad/s, how well a reading describes a gap
+_LOST_ACCELERATION = 0.5  # m/s^2
+_PUSHED = 3
+_VELOCITY_DIAGONAL = (np.arange(6, 9), np.arange(6, 9))

@@ -1,0 +1,132 @@
+"""Bearings and odometry in, positions of the sources in odom out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from ..contract import Emission, Input, Output, Status
+from ..core.bearing_particles import BearingParticles
+from ..core.geometry import rotation_from_rpy, rpy_from_quat
+from ..core.localizer import LocalizerConfig, SourceLocalizer
+from ..core.triangulation import Fix
+from ..core.types import Array, Bearing, Odometry, Particles, Position
+
+
+class BearingLocalizerStage:
+    """One SourceLocalizer per source, and the vehicle's pose carried to each bearing's stamp."""
+
+    Config: ClassVar[type] = LocalizerConfig
+
+    def __init__(self, config: LocalizerConfig) -> None:
+        self._config = config
+        self._sources = {name: SourceLocalizer(config, k) for k, name in enumerate(config.source_ids)}
+        self._odometry: Odometry | None = None
+        self._cloud_ns: dict[str, int] = {}
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        bearings = (
+            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
+            for name in self._sources
+        )
+        return (Input("odometry", Odometry, self._on_odometry, frame="odom"), *bearings)
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        outputs = []
+        for name in self._sources:
+            outputs.append(Output(f"sources/{name}/position", Position))
+            if self._config.mirror:
+                outputs.append(Output(f"sources/{name}/mirror_position", Position))
+            if self._config.method == "particle_filter":
+                outputs.append(Output(f"sources/{name}/particles", Particles))
+        return tuple(outputs)
+
+    def status(self) -> Status:
+        values: dict[str, float | int | str] = {}
+        for name, source in self._sources.items():
+            values |= {f"{name}.{key}": value for key, value in _values(source).items()}
+        silent = [name for name, source in self._sources.items() if not source.sides]
+        both = [name for name, source in self._sources.items() if len(source.sides) == 2]
+        sentences = []
+        if silent:
+            sentences.append(f"no bearing yet of {', '.join(silent)}")
+        if both:
+            sentences.append(f"both sides remain possible of {', '.join(both)}")
+        return Status(Status.WARN if silent else Status.OK, "; ".join(sentences) or "running", values)
+
+    def change(self, config: LocalizerConfig) -> None:
+        self._config = config
+        for source in self._sources.values():
+            source.config = config
+
+    def _on_odometry(self, odometry: Odometry) -> Iterator[Emission]:
+        self._odometry = odometry
+        yield from ()
+
+    def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
+        position, yaw = self._array_pose(bearing)
+        source = self._sources[name]
+        source.update(bearing.t_ns, position[0], position[1], yaw, bearing.bearing, bearing.variance)
+        for topic, side in zip(("position", "mirror_position"), source.sides, strict=False):
+            if (fix := side.fix) is not None:
+                yield f"sources/{name}/{topic}", _position(bearing.t_ns, fix, position[2])
+        yield from self._cloud(name, bearing.t_ns, position[2])
+
+    def _array_pose(self, bearing: Bearing) -> tuple[Array, float]:
+        """Position of the array in odom and the vehicle's yaw at the bearing's stamp: the last pose, moved on."""
+        last = self._odometry
+        if last is None:
+            raise ValueError("bearing refused: no odometry yet")
+        duration = (bearing.t_ns - last.t_ns) * 1e-9
+        if abs(duration) > self._config.odometry_timeout:
+            limit = self._config.odometry_timeout
+            raise ValueError(f"bearing refused: odometry is {duration:.3f} s older, allowed are {limit:g} s")
+        roll, pitch, yaw = rpy_from_quat(last.quat_xyzw)
+        turn = float(last.angular[2]) * duration
+        midway = rotation_from_rpy(roll, pitch, yaw + turn / 2)
+        position = last.position + midway @ (last.linear * duration)
+        return position + rotation_from_rpy(roll, pitch, yaw + turn) @ bearing.position, yaw + turn
+
+    def _cloud(self, name: str, t_ns: int, z: float) -> Iterator[Emission]:
+        estimator = self._sources[name].sides[0].estimator
+        if not isinstance(estimator, BearingParticles) or t_ns - self._cloud_ns.get(name, 0) < _CLOUD_PERIOD_NS:
+            return
+        self._cloud_ns[name] = t_ns
+        xy, weight = estimator.cloud(_CLOUD_SIZE)
+        x, y, z_all, w = (np.asarray(column, dtype=np.float32) for column in (*xy, np.full(weight.size, z), weight))
+        yield f"sources/{name}/particles", Particles(t_ns, x, y, z_all, w, "odom")
+
+
+def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
+    values: dict[str, float | int | str] = {
+        "used": source.used,
+        "unused": source.unused,
+        "restarts": source.restarts,
+        "probability": 1 - source.mirror_probability,
+        "mirror_probability": source.mirror_probability,
+    }
+    if source.sides:
+        side = source.sides[0]
+        values["nis"] = side.nis
+        if (fix := side.fix) is not None:
+            values["position_std_m"] = math.sqrt(fix.cov[0, 0] + fix.cov[1, 1])
+        if isinstance(side.estimator, BearingParticles):
+            values["ess"] = side.estimator.ess
+    return values
+
+
+def _position(t_ns: int, fix: Fix, z: float) -> Position:
+    cov = np.zeros((3, 3))
+    cov[:2, :2] = fix.cov
+    cov[2, 2] = -1.0  # not observed
+    return Position(t_ns, np.array([*fix.mean, z]), cov, "odom")
+
+
+_CLOUD_SIZE = 200
+_CLOUD_PERIOD_NS = 500_000_000
