@@ -33,7 +33,7 @@ OUTSIDE = {
     "stages": {"numpy"},
     "wire": {"numpy"},
     "sim": {"numpy", "scipy", "yaml"},
-    "bag": {"numpy", "yaml", "mcap", "rosbags"},
+    "bag": {"numpy", "scipy", "yaml", "mcap", "rosbags"},
     "cli": {"numpy", "scipy", "yaml", "rich", "matplotlib"},
 }
 

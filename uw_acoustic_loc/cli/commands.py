@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
 import time
@@ -126,6 +127,26 @@ def report(options: Namespace) -> int:
     return _damage(list(recording.damage))
 
 
+def convert_wav(options: Namespace) -> int:
+    """Writes a WAV file into a bag."""
+    from ..bag.wav import WavSetup
+    from ..bag.wav import convert_wav as run
+
+    start_ns = round(options.start * 1e9) if math.isfinite(options.start) else 0
+    o, channels = options, _pair(options.channels)
+    setup = WavSetup(o.spacing, o.sound_speed, o.full_scale, start_ns, o.frame, o.namespace, channels)
+    counts = run(options.wav, options.output, setup)
+    STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {options.output}")
+    return 0
+
+
+def reproduce(options: Namespace) -> int:
+    """Runs the papers' studies."""
+    from .reproduce import reproduce as run
+
+    return run(options)
+
+
 def _launch(graph: Path, record: Path | None, duration: float) -> int:
     from ..graph import load_graph
     from ..ros.launcher import Launcher, Run
@@ -154,6 +175,13 @@ def _damage(damage: list[str]) -> int:
     for sentence in damage:
         print(f"uwloc: {sentence}", file=sys.stderr)
     return 1 if damage else 0
+
+
+def _pair(text: str) -> tuple[int, int]:
+    parts = text.split(",")
+    if len(parts) != 2 or not all(part.strip().isdecimal() for part in parts):
+        raise ValueError(f"--channels must be two numbers such as 0,1, got {text!r}")
+    return int(parts[0]), int(parts[1])
 
 
 class _Refusals:

@@ -14,19 +14,22 @@ _COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright
 
 
 @contextmanager
-def progress(title: str, total_s: float) -> Iterator[Callable[[float], None]]:
-    """A bar over seconds of the scenario or bag; gives the function that sets it. Silent where there is no terminal."""
+def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
+    """A bar over seconds of the scenario or bag; gives the function that sets it. Silent where there is no terminal.
+
+    Another unit than seconds has no real time to be compared with.
+    """
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} s  {task.fields[rate]}"),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[unit]}  {task.fields[rate]}"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=STDERR, disable=not sys.stderr.isatty(), transient=True) as bars:
-        task = bars.add_task(title, total=max(total_s, 1e-9), rate="")
+        task = bars.add_task(title, total=max(total_s, 1e-9), rate="", unit=unit)
 
         def update(done_s: float) -> None:
-            speed = bars.tasks[0].speed
+            speed = bars.tasks[0].speed if unit == "s" else None
             bars.update(task, completed=min(done_s, total_s), rate=f"{speed:.1f}x real time" if speed else "")
 
         yield update

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from .. import __version__
 from . import commands
@@ -70,7 +71,32 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("bag", type=Path, metavar="BAG")
     report.add_argument("-o", "--output", type=Path, default=Path("report.html"))
     report.set_defaults(run=commands.report)
+
+    reproduce = command.add_parser("reproduce", help="the papers' tables and figures, theirs beside ours")
+    reproduce.add_argument("name", metavar="NAME", help="a study, or all")
+    reproduce.add_argument(
+        "-o", "--output", type=Path, default=Path("out/reproduce"), metavar="DIR", help="default %(default)s"
+    )
+    reproduce.add_argument("--runs", type=int, default=0, metavar="N", help="of the Monte Carlo; 0 = the study's own")
+    reproduce.add_argument("--seed", type=int, default=1)
+    reproduce.add_argument("--json", action="store_true", help="print the numbers and draw nothing")
+    reproduce.set_defaults(run=commands.reproduce)
+    _wav(command)
     return parser
+
+
+def _wav(command: Any) -> None:
+    wav = command.add_parser("convert-wav", help="a WAV recording of two hydrophones into a bag for the bearing node")
+    wav.add_argument("wav", type=Path, metavar="IN.wav")
+    wav.add_argument("-o", "--output", type=Path, required=True, metavar="BAG")
+    wav.add_argument("--spacing", type=float, required=True, metavar="D", help="m between the hydrophones")
+    wav.add_argument("--sound-speed", type=float, default=1500.0, metavar="C", help="m/s (default %(default)s)")
+    wav.add_argument("--full-scale", type=float, default=1.0, metavar="PA", help="Pa of the largest sample")
+    wav.add_argument("--start", type=float, default=1_780_272_000.0, metavar="UNIX_S", help="of the first sample")
+    wav.add_argument("--frame", type=float, default=0.1, metavar="S", help="length of a frame (default %(default)s)")
+    wav.add_argument("--namespace", default="auv1", help="of the topics (default %(default)s)")
+    wav.add_argument("--channels", default="0,1", metavar="I,J", help="of hydrophone 0 (-x) and 1 (+x), from 0")
+    wav.set_defaults(run=commands.convert_wav)
 
 
 def _bag_and_graph(parser: argparse.ArgumentParser) -> None:
