@@ -130,7 +130,7 @@ def bench(domain: int) -> Iterator[Bench]:
     made.close()
 
 
-def uwloc(*arguments: str | Path, limit_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+def uwloc(*arguments: str | float | Path, limit_s: float = 120.0) -> subprocess.CompletedProcess[str]:
     """Runs the program `uwloc`."""
-    command = [sys.executable, "-m", "uw_acoustic_loc", *map(str, arguments)]
+    command = [sys.executable, "-m", "uw_acoustic_loc", *[str(argument) for argument in arguments]]
     return subprocess.run(command, capture_output=True, text=True, timeout=limit_s, check=False)
