@@ -91,7 +91,7 @@ def test_odometry_carries_the_bearing_through_a_turn(filter_):
         list(estimator.process(frame(k, 1.5)))
     for k in range(4, 9):
         still, turn = np.zeros(3), np.array([0.0, 0.0, 0.4])
-        estimator.move(Odometry(T0 + k * 10**8, still, quat_from_yaw(0.0), still, turn))
+        estimator.move(Odometry(T0 + k * 10**8, still, quat_from_yaw(0.4 * (k - 4) * 0.1), still, turn))
         list(estimator.process(silence(k)))
     (state,) = estimator.tracks[0].filters.values()
     elapsed = (estimator.tracks[0].state_ns - T0) * 1e-9 - 0.36
@@ -139,14 +139,76 @@ def test_the_cloud_is_small_and_lies_around_the_bearing():
     assert bearings(CONFIG, [])[1].cloud(0, T0) is None
 
 
-def test_a_band_can_be_changed_and_the_filters_stay():
-    estimator = BearingEstimator(replace(CONFIG, filter="histogram"), INFO)
+def test_a_band_can_be_changed_and_the_filter_stays():
+    config = replace(CONFIG, filter="histogram")
+    estimator = BearingEstimator(config, INFO)
     for k in range(3):
         list(estimator.process(frame(k, 1.1)))
-    estimator.change(replace(CONFIG, filter="histogram", band_low=(32e3,), band_high=(38e3,)))
+    estimator.change(replace(config, band_low=(32e3,), band_high=(38e3,)))
     assert list(estimator.process(frame(3, 1.1))) == []
+    assert estimator.tracks[0].pings == 3
     ((_, bearing),) = estimator.process(frame(4, 1.1, band=(32e3, 38e3)))
     assert bearing.bearing == pytest.approx(1.1, abs=0.005)
+
+
+def two(k, first, second, bands):
+    """Sources at two angles, each on its band."""
+    a, b = frame(k, first, bands[0]), frame(k, second, bands[1], noise=0.0)
+    return Samples(a.t_ns, a.h0 + b.h0, a.h1 + b.h1)
+
+
+def test_retuning_one_source_leaves_the_other_as_it_is():
+    bands = [(20e3, 26e3), (32e3, 38e3)]
+    config = replace(CONFIG, source_ids=("a", "b"), band_low=(20e3, 32e3), band_high=(26e3, 38e3), filter="particle")
+    changed, same = BearingEstimator(config, INFO), BearingEstimator(config, INFO)
+    expected = [x for k in range(10) for x in same.process(two(k, 1.1, 2.0, bands))]
+    found = [x for k in range(6) for x in changed.process(two(k, 1.1, 2.0, bands))]
+    changed.change(replace(config, band_low=(20e3, 40e3), band_high=(26e3, 46e3)))
+    found += [x for k in range(6, 10) for x in changed.process(two(k, 1.1, 2.0, [bands[0], (40e3, 46e3)]))]
+    of_a = [[v for s, v in run if s == 0] for run in (expected, found)]
+    assert [v.bearing for v in of_a[1]] == pytest.approx([v.bearing for v in of_a[0]], abs=2e-3)
+    assert len(of_a[1]) == 10
+    assert changed.listener.ears[0].schedule.period == pytest.approx(0.1, rel=0.01)
+    assert changed.listener.ears[1].schedule.period == 0.0
+    assert [v.bearing for s, v in found if s == 1] == pytest.approx([2.0] * 10, abs=0.01)
+
+
+@pytest.mark.parametrize("before", ["none", "particle", "histogram"])
+@pytest.mark.parametrize("after", ["none", "particle", "histogram"])
+def test_another_filter_begins_with_the_last_ones_estimate(before, after):
+    config = replace(CONFIG, filter=before, assumed_side="both")
+    estimator = BearingEstimator(config, INFO)
+    for k in range(4):
+        list(estimator.process(frame(k, 1.1)))
+    estimator.change(replace(config, filter=after))
+    for state in estimator.tracks[0].filters.values():
+        assert state.estimate()[0] == pytest.approx(1.1, abs=0.01)
+    found = [b.bearing for _, b in estimator.process(frame(4, 1.1))]
+    assert found == pytest.approx([1.1, -1.1], abs=0.005)
+
+
+def test_a_band_beyond_half_the_sample_rate_is_refused_and_nothing_changes():
+    estimator, bad = BearingEstimator(CONFIG, INFO), replace(CONFIG, band_low=(40e3,), band_high=(60e3,))
+    for refuse in (estimator.check, estimator.change):
+        with pytest.raises(ValueError, match="band must be 0 < low < high < 50000 Hz, got 40000 to 60000 Hz"):
+            refuse(bad)
+    ((_, bearing),) = estimator.process(frame(0, 1.1))
+    assert bearing.bearing == pytest.approx(1.1, abs=0.005)
+
+
+@pytest.mark.parametrize("theta", [0.6, 1.5, 2.4])
+def test_the_bearing_belongs_to_the_pings_beginning_in_a_turn(theta):
+    """An array that turns at 0.5 rad/s: the correlation is that of the ping's middle, 2.5 mrad on."""
+    rate, early = 0.5, round(0.005 * RATE)
+    estimator = BearingEstimator(CONFIG, INFO)
+    turning = frame(0, theta)
+    t_ns = T0 + 60_000_000
+    for k in range(11):
+        t, turn = T0 + k * 20_000_000, np.array([0.0, 0.0, rate])
+        yaw = quat_from_yaw(rate * (t - t_ns - early / RATE * 1e9) * 1e-9)
+        estimator.move(Odometry(t, np.zeros(3), yaw, np.zeros(3), turn))
+    ((_, bearing),) = estimator.process(turning)  # as heard at `theta`, half a ping after its beginning
+    assert bearing.bearing == pytest.approx(theta + rate * 0.005, abs=2e-4)
 
 
 @pytest.mark.parametrize(
@@ -157,6 +219,7 @@ def test_a_band_can_be_changed_and_the_filters_stay():
         ({"band_low": [1e3]}, "band_low and band_high must have 3 elements, one per source, got 1 and 3"),
         ({"band_low": [25e3, 26e3, 34e3]}, "band_low of source a must be below its band_high 24000 Hz, got 25000 Hz"),
         ({"range_min": 200.0}, "range_min must be below range_max 100 m, got 200 m"),
+        ({"min_period": 15.0}, "min_period must be below max_period 12 s, got 15 s"),
         ({"array_position": []}, "array_position must have 3 elements, got 0"),
         ({"filter": "kalman"}, "filter must be one of none, particle, histogram, got 'kalman'"),
     ],
@@ -175,5 +238,5 @@ def test_info_sentences(name, value):
 
 def test_odometry_that_is_not_finite_is_refused():
     odometry = Odometry(T0, np.zeros(3), quat_from_yaw(0.0), np.array([math.nan, 0, 0]), np.zeros(3))
-    with pytest.raises(ValueError, match="odometry twist must be finite"):
+    with pytest.raises(ValueError, match="odometry pose and twist must be finite"):
         BearingEstimator(CONFIG, INFO).move(odometry)

@@ -2,12 +2,14 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.gcc import BandSplitter
-from uw_acoustic_loc.core.listener import Listener
+from uw_acoustic_loc.core.listener import Listener, check_frame
 from uw_acoustic_loc.core.ping import FrameJoiner, PingDetector, log_energies
+from uw_acoustic_loc.core.ping_schedule import Timing
 from uw_acoustic_loc.core.types import HydrophoneInfo, Samples
 
 RATE, PULSE, T0 = 100_000.0, 0.01, 10**18
 BAND = (20_000.0, 26_000.0)
+TIMING = Timing(PULSE / 2, 10 / 1500, 0.04, 12.0, 5)
 INFO = HydrophoneInfo(T0, RATE, 0.6, 1500.0, 1e-3)
 
 
@@ -29,7 +31,7 @@ def frames(x, length):
 
 
 def heard(frames_, band=BAND):
-    listener = Listener(INFO, [band], 0.6 / 1500, PULSE, 0.05)
+    listener = Listener(INFO, [band], 0.6 / 1500, PULSE, TIMING)
     return [p for f in frames_ for p in listener.hear(f, 2.0, "cc", 4)]
 
 
@@ -54,10 +56,48 @@ def test_an_echo_is_not_a_ping():
     assert len(heard(frames(x, 10_000))) == 8
 
 
-def test_clicks_are_not_pings():
-    x = sound([], 5.0)
-    x[:, ::25_003] += 3.0  # thirty standard deviations of the noise, more than a ping that is just heard has in energy
-    assert len(heard(frames(x, 10_000))) == 0
+@pytest.mark.parametrize("sigmas", [10.0, 30.0, 100.0, 1000.0])
+@pytest.mark.parametrize("band", [BAND, (24e3, 26e3), (20e3, 40e3)])
+def test_clicks_are_not_pings(sigmas, band):
+    """One sample far out of the noise; in the band it rings, but not as long as a ping lasts."""
+    x = sound([], 10.0)
+    without = len(heard(frames(x, 10_000), band))  # in 2 kHz, noise alone passes 2 dB now and then
+    x[:, 5_000::25_003] += np.float32(0.1 * sigmas)
+    assert abs(len(heard(frames(x, 10_000), band)) - without) <= 1
+
+
+@pytest.mark.parametrize("length", [3e-4, 2e-3])
+def test_a_burst_shorter_than_a_ping_is_none(length):
+    """An in-band knock at the level of a ping, a hundred times."""
+    x, wave = sound([], 10.0), np.sin(2 * np.pi * 23e3 * np.arange(round(length * RATE)) / RATE)
+    for begin in range(5_000, 990_000, 10_000):
+        x[:, begin : begin + wave.size] += wave.astype(np.float32)
+    assert len(heard(frames(x, 10_000))) <= 5
+
+
+def test_pings_are_heard_between_clicks():
+    onsets = np.arange(0.11, 3.9, 0.1)
+    x = sound(onsets, 4.0)
+    x[:, 3_000::10_000] += 10.0  # 80 ms before each ping, a hundred standard deviations
+    times = np.array([(p.t_ns - T0) * 1e-9 for p in heard(frames(x, 10_000))])
+    assert times.size == onsets.size
+    assert times == pytest.approx(onsets, abs=5e-4)
+
+
+def test_a_faint_ping_is_heard():
+    """0 dB in the band over the pulse."""
+    onsets = np.arange(0.11, 9.9, 0.1)
+    amplitude = 0.1 * np.sqrt(2 * (BAND[1] - BAND[0]) / (RATE / 2))
+    assert len(heard(frames(sound(onsets, 10.0, amplitude=amplitude), 10_000))) > 0.9 * onsets.size
+
+
+@pytest.mark.parametrize("delay", [0.006, 0.012, 0.03])
+def test_the_direct_path_is_the_first_even_when_its_echo_is_louder(delay):
+    onsets = np.arange(0.11, 2.9, 0.1)
+    x = sound(onsets, 3.0) + sound(onsets + delay, 3.0, noise=0.0, amplitude=1.6)
+    times = np.array([(p.t_ns - T0) * 1e-9 for p in heard(frames(x, 10_000))])
+    assert times.size >= onsets.size - 1
+    assert np.max(np.abs(times[:, None] - onsets).min(axis=1)) < 1e-3
 
 
 def test_noise_alone_is_rarely_a_ping():
@@ -67,7 +107,7 @@ def test_noise_alone_is_rarely_a_ping():
 
 def test_the_noise_power_is_found_beside_pings():
     x = sound(np.arange(0.05, 4.9, 0.1), 5.0)
-    splitter, detector = BandSplitter(RATE, [BAND[0]], [BAND[1]], 12_000), PingDetector(PULSE, 0.05)
+    splitter, detector = BandSplitter(RATE, [BAND[0]], [BAND[1]], 12_000), PingDetector(PULSE)
     joiner = FrameJoiner(RATE, 0.02)
     for frame in frames(x, 10_000):
         block = joiner.join(frame)
@@ -108,11 +148,22 @@ def test_counts_are_scaled():
 )
 def test_error_sentences(h0, h1, sentence):
     with pytest.raises(ValueError, match=sentence):
-        heard([Samples(T0, h0, h1)])
+        check_frame(Samples(T0, h0, h1))
+
+
+def test_overlaps_are_counted_and_not_joined():
+    every = frames(sound([], 0.4), 10_000)
+    joiner = FrameJoiner(RATE, 0.02)
+    joiner.join(every[0])
+    early = Samples(every[1].t_ns - 5_000_000, every[1].h0, every[1].h1)
+    assert joiner.join(early).h0.size == 10_000
+    with pytest.raises(ValueError, match="samples must begin after the frame before"):
+        joiner.join(early)
+    assert (joiner.gaps, joiner.overlaps) == (0, 2)
 
 
 def test_a_refused_band_leaves_the_listener_as_it_was():
-    listener = Listener(INFO, [BAND], 0.6 / 1500, PULSE, 0.05)
+    listener = Listener(INFO, [BAND], 0.6 / 1500, PULSE, TIMING)
     with pytest.raises(ValueError, match="band must be"):
         listener.tune([(40e3, 60e3)])
     assert len([p for f in frames(sound([0.03], 0.1), 10_000) for p in listener.hear(f, 2.0, "cc", 4)]) == 1

@@ -9,14 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..config import param
+from .array_motion import ArrayMotion
 from .bearing_filter import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance
 from .gcc import WEIGHTINGS
 from .geometry import wrap_angle
-from .listener import Heard, Listener, check_info
+from .hydrophone_health import HydrophoneHealth
+from .listener import Heard, Listener, check_frame, check_info
+from .ping_schedule import Timing
 from .types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
 
-_STALE_NS = 500_000_000  # odometry older than this says nothing about the motion
-_HEADING_STD = 0.03  # rad/s, errors of the yaw rate and of all else that the motion model leaves out
+_HEADING_STD = 0.03  # rad/s, errors of the odometry's turn and of all else that the motion model leaves out
+_LARGEST_SPREAD = 0.3  # rad per prediction; a few of them and a source may be anywhere
+_USEFUL = 0.3  # rad, standard deviation of a bearing that another filter may begin with
+_REMEMBERED = 5.0  # s for which clipping is reported
 _SHOWN = 200  # particles of a display cloud
 
 
@@ -27,21 +32,25 @@ class BearingConfig:
     source_ids: tuple[str, ...] = param(("a", "b", "c"), doc="names of the pingers, one per band")
     band_low: tuple[float, ...] = param((18e3, 26e3, 34e3), unit="Hz", low=1.0, changeable=True, doc="one per source")
     band_high: tuple[float, ...] = param((24e3, 32e3, 40e3), unit="Hz", low=1.0, changeable=True, doc="one per source")
-    filter: str = param("particle", choices=("none", "particle", "histogram"))
+    filter: str = param("particle", choices=("none", "particle", "histogram"), changeable=True)
     weighting: str = param("cc", choices=WEIGHTINGS, doc="of the cross-correlation, inside the band")
     assumed_side: str = param("port", choices=("port", "starboard", "both"), doc="two hydrophones cannot tell")
     array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
     array_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="of the array in base_link")
     sound_speed: float = param(0.0, unit="m/s", low=0.0, high=1650.0, doc="0 = from hydrophones/info")
-    sound_speed_std: float = param(1.0, unit="m/s", low=0.0, high=100.0, doc="its error is part of every variance")
-    tdoa_std_floor: float = param(4e-7, unit="s", low=0.0, high=1.0, doc="what averaging leaves: echoes, spacing")
+    sound_speed_std: float = param(1.2, unit="m/s", low=0.0, high=100.0, doc="its error is part of every variance")
+    elevation_std: float = param(0.05, unit="rad", low=0.0, high=1.5, doc="of the sources off the array's plane; alike")
+    phase_std: float = param(0.055, unit="rad", low=0.0, high=3.0, doc="of the carrier, by echoes: averaging leaves it")
     height_std: float = param(0.02, low=0.0, high=1.0, doc="of a correlation maximum's relative height, by echoes")
     peaks: int = param(
         24, low=1, high=1000, doc="maxima used; Shin et al. use 4, too few for a band of 2 kHz at 25 kHz"
     )
     threshold: float = param(2.0, unit="dB", low=0.1, high=60.0, changeable=True, doc="of a ping over the noise floor")
     pulse_length: float = param(0.01, unit="s", low=1e-4, high=1.0, doc="of the pings")
-    min_period: float = param(0.05, unit="s", low=1e-3, high=100.0, doc="what comes sooner after a ping is its echo")
+    min_period: float = param(0.04, unit="s", low=1e-3, high=100.0, doc="shortest repetition of the pings")
+    max_period: float = param(12.0, unit="s", low=2e-3, high=1000.0, doc="longest repetition that is learnt")
+    learn_pings: int = param(5, low=3, high=12, doc="pings in a row that make a period")
+    max_speed: float = param(5.0, unit="m/s", low=0.0, high=100.0, doc="of approach; widens the next ping's window")
     particles: int = param(2000, low=20, high=1_000_000, doc="per source and side")
     range_min: float = param(10.0, unit="m", low=0.1, doc="of a source")
     range_max: float = param(100.0, unit="m", low=0.2, doc="of a source")
@@ -60,6 +69,8 @@ class BearingConfig:
                 raise ValueError(f"band_low of source {name} must be below its band_high {high:g} Hz, got {low:g} Hz")
         if len(self.array_position) != 3:
             raise ValueError(f"array_position must have 3 elements, got {len(self.array_position)}")
+        if self.min_period >= self.max_period:
+            raise ValueError(f"min_period must be below max_period {self.max_period:g} s, got {self.min_period:g} s")
         if self.range_min >= self.range_max:
             raise ValueError(f"range_min must be below range_max {self.range_max:g} m, got {self.range_min:g} m")
 
@@ -67,6 +78,14 @@ class BearingConfig:
     def bands(self) -> list[tuple[float, float]]:
         """(low, high) per source, Hz."""
         return list(zip(self.band_low, self.band_high, strict=True))
+
+    def timing(self, sound_speed: float) -> Timing:
+        """Of the pings. Half a pulse length of jitter: nearer echoes are not told apart from the ping anyway.
+
+        A period learnt while the source comes nearer changes by twice the speed when it goes away.
+        """
+        jitter, drift = 0.5 * self.pulse_length, 2.0 * self.max_speed / sound_speed
+        return Timing(jitter, drift, self.min_period, self.max_period, self.learn_pings)
 
     @property
     def sides(self) -> tuple[int, ...]:
@@ -83,6 +102,7 @@ class SourceTrack:
     def __init__(self, filters: dict[int, BearingFilter]) -> None:
         self.filters = filters
         self.pings = self.clipped = 0
+        self.tdoa_std = 0.0  # s, what averaging leaves
         self.snr_db = math.nan
         self.heard_ns = 0  # of the last ping
         self.state_ns = 0  # of the filters
@@ -105,33 +125,46 @@ class BearingEstimator:
         self._config, self._info = config, info
         self._sound_speed = config.sound_speed or info.sound_speed
         max_lag = info.spacing / self._sound_speed
-        self.listener = Listener(info, config.bands, max_lag, config.pulse_length, config.min_period)
+        self.listener = Listener(info, config.bands, max_lag, config.pulse_length, config.timing(self._sound_speed))
         self.tracks = [SourceTrack({s: self._filter(k, s) for s in config.sides}) for k in range(len(config.bands))]
         self._max_lag = max_lag
-        self._odometry: Odometry | None = None
+        self.health = HydrophoneHealth(info, _REMEMBERED)
+        self._motion = ArrayMotion(config.array_yaw, config.array_position)
         self.frames, self.begin_ns, self.end_ns = 0, 0, 0
 
+    def check(self, config: BearingConfig) -> None:
+        """Raises ValueError for a config that `change` would refuse: a band beyond half the sample rate."""
+        self.listener.check(config.bands)
+
     def change(self, config: BearingConfig) -> None:
-        """Takes over other bands and another threshold; the filters stay."""
+        """Takes over other bands, threshold and filter.
+
+        A source whose band stays keeps all that is known of it; one whose band changes keeps its bearing, and learns
+        its noise floor and period anew. Another filter begins with the last one's estimate of each source.
+        """
         if config.bands != self._config.bands:
             self.listener.tune(config.bands)
-        self._config = config
+        before, self._config = self._config.filter, config
+        if config.filter != before:
+            for k, track in enumerate(self.tracks):
+                track.filters = {side: self._successor(k, side, old) for side, old in track.filters.items()}
 
     def move(self, odometry: Odometry) -> None:
-        """The vehicle's motion from now on.
+        """The vehicle's motion up to now.
 
         Raises:
-            ValueError: a velocity that is not finite.
+            ValueError: a pose or a velocity that is not finite.
         """
-        if not (np.isfinite(odometry.linear).all() and np.isfinite(odometry.angular).all()):
-            raise ValueError(f"odometry twist must be finite, got {odometry.linear} and {odometry.angular}")
-        self._odometry = odometry
+        self._motion.add(odometry)
 
     def process(self, frame: Samples) -> Iterator[tuple[int, Bearing]]:
         """(source, bearing) of every ping that ends in the frame, in time order per source, port before starboard."""
         c = self._config
+        check_frame(frame)
         heard = list(self.listener.hear(frame, c.threshold, c.weighting, c.peaks))
         self._count(frame)
+        if not self.health.watch(frame):
+            heard = []  # the other channel alone has no bearing
         for ping in heard:
             yield from self._bearings(ping)
         for track in self.tracks:
@@ -161,52 +194,56 @@ class BearingEstimator:
         ranges = (c.range_min, c.range_max)
         return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.particles, rng)
 
+    def _successor(self, source: int, side: int, old: BearingFilter) -> BearingFilter:
+        """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
+        new, (theta, variance) = self._filter(source, side), old.estimate()
+        if variance < _USEFUL**2:
+            std = self._max_lag * max(math.sin(theta), math.sqrt(variance)) * math.sqrt(variance)
+            new.update(PeakLikelihood(np.array([self._max_lag * math.cos(theta)]), np.ones(1), std, self._max_lag))
+        return new
+
     def _count(self, frame: Samples) -> None:
         self.begin_ns = self.begin_ns or frame.t_ns
         self.end_ns = frame.t_ns + round(1e9 * frame.h0.size / self._info.sample_rate)
         self.frames += 1
 
     def _bearings(self, ping: Heard) -> Iterator[tuple[int, Bearing]]:
+        """The correlation tells the bearing at the ping's middle; the turn since its beginning is taken back."""
         track, c = self.tracks[ping.source], self._config
-        likelihood = PeakLikelihood.of(ping.correlation, c.tdoa_std_floor, c.height_std, self._max_lag)
+        track.tdoa_std = c.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
+        likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.height_std, self._max_lag)
         track.pings += 1
         track.clipped += bool(abs(ping.correlation.tdoas[0]) > self._max_lag)
-        track.snr_db, track.heard_ns = ping.snr_db, ping.t_ns
-        self._predict(track, ping.t_ns)
+        track.snr_db = ping.snr_db
+        middle_ns = ping.t_ns + round(0.5e9 * c.pulse_length)
+        self._predict(track, middle_ns)
+        track.heard_ns = middle_ns
+        turn = self._motion.between(ping.t_ns, middle_ns).turn
         for state in track.filters.values():
             state.update(likelihood)
         for side, state in track.filters.items():
             theta, variance = state.estimate()
-            bearing = wrap_angle(c.array_yaw + side * theta)
-            yield ping.source, Bearing(ping.t_ns, bearing, self._honest(theta, variance), np.array(c.array_position))
+            bearing = wrap_angle(c.array_yaw + side * theta + turn)
+            honest = self._honest(theta, variance, track.tdoa_std)
+            yield ping.source, Bearing(ping.t_ns, bearing, honest, np.array(c.array_position))
 
-    def _honest(self, theta: float, variance: float) -> float:
+    def _honest(self, theta: float, variance: float, tdoa_std: float) -> float:
         """The filter's variance, which averaging makes too small, with the errors that all pings share."""
-        floor = angle_variance(theta, self._config.tdoa_std_floor / self._max_lag)
-        scale = angle_variance(theta, abs(math.cos(theta)) * self._config.sound_speed_std / self._sound_speed)
-        return max(variance, floor) + scale
+        floor = angle_variance(theta, tdoa_std / self._max_lag)
+        c = self._config
+        scale = math.hypot(c.sound_speed_std / self._sound_speed, 0.5 * c.elevation_std**2)  # of cos(theta)
+        return max(variance, floor) + angle_variance(theta, abs(math.cos(theta)) * scale)
 
     def _predict(self, track: SourceTrack, t_ns: int) -> None:
         """Moves the filters to an instant; the spread grows with the time since the last ping, not with its root."""
         if track.state_ns == 0 or t_ns <= track.state_ns:
             track.state_ns = max(track.state_ns, t_ns)
             return
-        dt, since = (t_ns - track.state_ns) * 1e-9, max(0, track.state_ns - track.heard_ns) * 1e-9
-        turn, move, rate_std = self._motion(t_ns, dt)
-        spread = rate_std * math.sqrt((since + dt) ** 2 - since**2)
+        dt, since = (t_ns - track.state_ns) * 1e-9, (track.state_ns - track.heard_ns) * 1e-9 if track.heard_ns else 0.0
+        step, c = self._motion.between(track.state_ns, t_ns), self._config
+        parallax = 0.0 if c.filter == "particle" else math.hypot(*step.move) / dt / (c.range_min * math.sqrt(3.0))
+        rate_std = math.hypot(_HEADING_STD, parallax, c.bearing_rate_std * math.sqrt(step.guessed))
+        spread = min(rate_std * math.sqrt((since + dt) ** 2 - since**2), _LARGEST_SPREAD)
         for side, state in track.filters.items():
-            state.predict(side * turn, (move[0], side * move[1]), spread)
+            state.predict(side * step.turn, (step.move[0], side * step.move[1]), spread)
         track.state_ns = t_ns
-
-    def _motion(self, t_ns: int, dt: float) -> tuple[float, tuple[float, float], float]:
-        """Turn and move of the array in its own axes, and the bearing rate that they leave open."""
-        odometry, c = self._odometry, self._config
-        if odometry is None or abs(t_ns - odometry.t_ns) > _STALE_NS:
-            return 0.0, (0.0, 0.0), c.bearing_rate_std
-        yaw_rate = float(odometry.angular[2])
-        vx = float(odometry.linear[0]) - yaw_rate * c.array_position[1]
-        vy = float(odometry.linear[1]) + yaw_rate * c.array_position[0]
-        cos, sin = math.cos(c.array_yaw), math.sin(c.array_yaw)
-        move = ((cos * vx + sin * vy) * dt, (cos * vy - sin * vx) * dt)
-        parallax = 0.0 if c.filter == "particle" else math.hypot(vx, vy) / (c.range_min * math.sqrt(3.0))
-        return yaw_rate * dt, move, math.hypot(_HEADING_STD, parallax)

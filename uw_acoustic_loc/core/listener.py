@@ -8,8 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .clicks import click_block, limit_clicks
 from .gcc import OVERSAMPLING, BandSplitter, Correlation, Correlator, Envelopes
 from .ping import DB, FrameJoiner, Ping, PingDetector, log_energies
+from .ping_schedule import PingSchedule, Timing
 from .types import AnyArray, HydrophoneInfo, Samples
 
 _GUARD = 0.1  # of a pulse length, correlated before and after the ping
@@ -26,6 +28,28 @@ class Heard:
     snr_db: float  # in the band, over the pulse length
 
 
+class Ear:
+    """What listens to one band."""
+
+    def __init__(self, pulse_length: float, timing: Timing) -> None:
+        self.detector = PingDetector(pulse_length)
+        self.schedule = PingSchedule(timing)
+        self.echoes = 0  # onsets outside the window of the next ping: echoes, or leakage from other bands
+
+    @property
+    def noise_db(self) -> float:
+        """Noise floor in the band, dB re 1 Pa rms; NaN before the first block."""
+        return DB * math.log(self.detector.noise_power / 2.0)
+
+    def pings(self, log_energy: AnyArray, rate: float, t_ns: int, threshold_db: float) -> Iterator[Ping]:
+        """The direct paths' among the onsets of a block."""
+        for ping in self.detector.detect(log_energy, rate, t_ns, threshold_db):
+            if self.schedule.is_ping(ping.t_ns):
+                yield ping
+            else:
+                self.echoes += 1
+
+
 class Listener:
     """Takes frames in stamp order; a ping that straddles two frames is heard with the second.
 
@@ -39,48 +63,55 @@ class Listener:
         bands: Sequence[tuple[float, float]],
         max_lag: float,
         pulse_length: float,
-        min_period: float,
+        timing: Timing,
     ) -> None:
         self._info, self._bands, self._max_lag, self._pulse = info, tuple(bands), max_lag, pulse_length
         self._joiner = FrameJoiner(info.sample_rate, _TAIL * pulse_length)
-        self._detectors = [PingDetector(pulse_length, min_period) for _ in bands]
+        self._timing = timing
+        self.ears = [Ear(pulse_length, timing) for _ in bands]
         self._length = self._joiner.tail
+        self._click_block = click_block(info.sample_rate, pulse_length)
+        self.clicks = [0, 0]  # per hydrophone; one at a frame's end counts again with the next
         self._plan()
 
     @property
     def gaps(self) -> int:
-        """Frames that did not adjoin the one before."""
+        """Frames that came later than the one before ends: samples were lost."""
         return self._joiner.gaps
 
-    def noise_db(self, source: int) -> float:
-        """Noise floor in the source's band, dB re 1 Pa rms; NaN before the first block."""
-        return DB * math.log(self._detectors[source].noise_power / 2.0)
+    @property
+    def overlaps(self) -> int:
+        """Frames that began before the one before ends, or that were sent again."""
+        return self._joiner.overlaps
 
     def tune(self, bands: Sequence[tuple[float, float]]) -> None:
-        """Listens to other bands from now on."""
-        before, self._bands = self._bands, tuple(bands)
-        try:
-            self._plan()
-        except ValueError:
-            self._bands = before
-            self._plan()
-            raise
+        """Listens to other bands from now on; what was learnt in a band that stays is kept."""
+        self.check(bands)
+        for k, (old, new) in enumerate(zip(self._bands, bands, strict=True)):
+            if old != new:
+                self.ears[k] = Ear(self._pulse, self._timing)
+        self._bands = tuple(bands)
+        self._plan()
+
+    def check(self, bands: Sequence[tuple[float, float]]) -> None:
+        """Raises ValueError for bands that `tune` would refuse."""
+        low, high = np.array(bands).T
+        BandSplitter(self._info.sample_rate, low, high, self._length)
 
     def hear(self, frame: Samples, threshold_db: float, weighting: str, peaks: int) -> Iterator[Heard]:
-        """The pings that end in the frame.
+        """The pings that end in a frame that has been checked.
 
         Raises:
-            ValueError: channels of different length, an empty frame, a wrong type, or samples that are not finite.
+            ValueError: the frame begins no later than the one before.
         """
-        _check_frame(frame)
         block = self._joiner.join(frame)
         if max(block.h0.size, frame.h0.size + self._joiner.tail) > self._length:
             self._length = frame.h0.size + self._joiner.tail
             self._plan()
-        envelopes = self._splitter.split(self._pressure(block.h0), self._pressure(block.h1))
+        envelopes = self._splitter.split(self._pressure(0, block.h0), self._pressure(1, block.h1))
         energies = log_energies(envelopes)
-        for source, detector in enumerate(self._detectors):
-            for ping in detector.detect(energies[source], envelopes.rate, block.t_ns, threshold_db):
+        for source, ear in enumerate(self.ears):
+            for ping in ear.pings(energies[source], envelopes.rate, block.t_ns, threshold_db):
                 yield self._heard(source, ping, envelopes, weighting, peaks)
 
     def _heard(self, source: int, ping: Ping, envelopes: Envelopes, weighting: str, peaks: int) -> Heard:
@@ -88,7 +119,7 @@ class Listener:
         pulse = round(self._pulse * envelopes.rate)
         guard = round(_GUARD * pulse)
         segment = envelopes.values[source][:, max(0, ping.start - guard) : ping.start + pulse + guard]
-        noise = self._detectors[source].noise_power
+        noise = self.ears[source].detector.noise_power
         found = self._correlators[source].correlate(segment, noise, weighting, peaks)
         snr = max(found.snr * segment.shape[1] / pulse, 1e-30)
         return Heard(source, ping.t_ns, found, DB * math.log(snr))
@@ -103,8 +134,12 @@ class Listener:
             for band, base, width in zip(self._bands, self._splitter.base, self._splitter.noise_width, strict=True)
         ]
 
-    def _pressure(self, samples: AnyArray) -> AnyArray:
-        return samples * np.float32(self._info.scale) if samples.dtype == np.int16 else samples
+    def _pressure(self, channel: int, samples: AnyArray) -> AnyArray:
+        """Pa, without clicks."""
+        pressure = samples * np.float32(self._info.scale) if samples.dtype == np.int16 else samples
+        limited, count = limit_clicks(pressure, self._click_block)
+        self.clicks[channel] += count
+        return limited
 
 
 def check_info(info: HydrophoneInfo) -> None:
@@ -115,7 +150,8 @@ def check_info(info: HydrophoneInfo) -> None:
             raise ValueError(f"hydrophones/info: {name} must be positive and finite, got {value!r}")
 
 
-def _check_frame(frame: Samples) -> None:
+def check_frame(frame: Samples) -> None:
+    """Raises ValueError for channels of different length, no samples, a wrong type, or samples that are not finite."""
     if frame.h0.ndim != 1 or frame.h0.shape != frame.h1.shape or frame.h0.size == 0:
         raise ValueError(f"samples h0 and h1 must be two (N,), N > 0, got {frame.h0.shape} and {frame.h1.shape}")
     for name, samples in (("h0", frame.h0), ("h1", frame.h1)):

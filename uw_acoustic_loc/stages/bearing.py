@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from ..contract import Emission, Input, Output, Status
-from ..core.bearing import BearingConfig, BearingEstimator
+from ..core.bearing import BearingConfig, BearingEstimator, SourceTrack
 from ..core.types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
 
 _CLOUD_PERIOD_NS = 500_000_000
@@ -29,16 +29,19 @@ class BearingStage:
     def inputs(self) -> tuple[Input, ...]:
         return (
             Input("hydrophones/info", HydrophoneInfo, self._on_info, frame="hydrophone_array", latched=True),
-            Input("hydrophones/samples", Samples, self._on_samples, frame="hydrophone_array"),
             Input("odometry", Odometry, self._on_odometry),
+            Input("hydrophones/samples", Samples, self._on_samples, frame="hydrophone_array", until_ns=self._end_ns),
         )
 
     @property
     def outputs(self) -> tuple[Output, ...]:
         bearings = tuple(Output(f"sources/{name}/bearing", Bearing) for name in self._config.source_ids)
-        if self._config.filter != "particle":
-            return bearings
         return bearings + tuple(Output(f"sources/{name}/particles", Particles) for name in self._config.source_ids)
+
+    def check(self, config: BearingConfig) -> None:
+        """Raises ValueError for a config that the hydrophones' sample rate rules out."""
+        if self._estimator is not None:
+            self._estimator.check(config)
 
     def change(self, config: BearingConfig) -> None:
         if self._estimator is not None:
@@ -49,25 +52,23 @@ class BearingStage:
         e = self._estimator
         if e is None:
             return Status(Status.WARN, "waiting for hydrophones/info")
-        values: dict[str, float | int | str] = {"frames": e.frames, "gaps": e.listener.gaps}
-        seconds = max((e.end_ns - e.begin_ns) * 1e-9, 1e-9)
-        silent = []
-        for k, (name, track) in enumerate(zip(self._config.source_ids, e.tracks, strict=True)):
-            values |= {f"{name}.pings": track.pings, f"{name}.clipped": track.clipped}
-            values[f"{name}.rate_hz"] = track.pings / seconds
-            if track.pings:
-                values[f"{name}.snr_db"] = track.snr_db
-            if e.frames:
-                values[f"{name}.noise_floor_db"] = e.listener.noise_db(k)
-                values[f"{name}.std_deg"] = math.degrees(track.std)
-            if e.end_ns - (track.heard_ns or e.begin_ns) > _SILENT_NS:
-                silent.append(name)
-        if silent:
-            return Status(Status.WARN, f"not heard for {_SILENT_NS * 1e-9:g} s: {', '.join(silent)}", values)
-        return Status(values=values)
+        values = _frames(e)
+        for k, name in enumerate(self._config.source_ids):
+            values |= {f"{name}.{key}": value for key, value in _source(e, k).items()}
+        warnings = e.health.faults if e.frames else []
+        if silent := [n for n, t in zip(self._config.source_ids, e.tracks, strict=True) if _silent(e, t)]:
+            warnings.append(f"not heard for {_SILENT_NS * 1e-9:g} s: {', '.join(silent)}")
+        return Status(Status.WARN, "; ".join(warnings), values) if warnings else Status(values=values)
+
+    def _end_ns(self, frame: Samples) -> int:
+        """After the last sample: the odometry up to then comes first."""
+        if self._info is None:
+            return frame.t_ns
+        return frame.t_ns + round(1e9 * frame.h0.size / self._info.sample_rate)
 
     def _on_info(self, info: HydrophoneInfo) -> Iterator[Emission]:
         self._estimator = BearingEstimator(self._config, info)
+        self._info = info
         yield from ()
 
     def _on_samples(self, frame: Samples) -> Iterator[Emission]:
@@ -88,3 +89,32 @@ class BearingStage:
         if self._estimator is not None:
             self._estimator.move(odometry)
         yield from ()
+
+
+Numbers = dict[str, float | int | str]
+
+
+def _frames(e: BearingEstimator) -> Numbers:
+    values: Numbers = {"frames": e.frames, "gaps": e.listener.gaps, "overlaps": e.listener.overlaps}
+    for k in (0, 1):
+        values |= {f"h{k}.full_scale": e.health.full_scale[k], f"h{k}.dead_frames": e.health.dead_frames[k]}
+        values[f"h{k}.clicks"] = e.listener.clicks[k]
+    if math.isfinite(e.health.sample_rate):
+        values["sample_rate_by_stamps"] = e.health.sample_rate
+    return values
+
+
+def _source(e: BearingEstimator, k: int) -> Numbers:
+    track, ear = e.tracks[k], e.listener.ears[k]
+    values: Numbers = {"pings": track.pings, "echoes": ear.echoes, "too_short": ear.detector.too_short}
+    values["rate_hz"] = track.pings / max((e.end_ns - e.begin_ns) * 1e-9, 1e-9)
+    values |= {"period_s": ear.schedule.period, "clipped": track.clipped}
+    if track.pings:
+        values["snr_db"] = track.snr_db
+    if e.frames:
+        values |= {"noise_floor_db": ear.noise_db, "std_deg": math.degrees(track.std)}
+    return values
+
+
+def _silent(e: BearingEstimator, track: SourceTrack) -> bool:
+    return e.end_ns - (track.heard_ns or e.begin_ns) > _SILENT_NS

@@ -79,7 +79,7 @@ class Runner:
 
     def _stream(self, topic: str, value: Any) -> Iterator[Emission]:
         late = self._sequencer.late[topic]
-        yield from self._handle_all(self._sequencer.push(topic, value.t_ns, value))
+        yield from self._handle_all(self._sequencer.push(topic, _turn_ns(self._inputs[topic], value), value))
         if self._sequencer.late[topic] > late:
             self._refuse("late", topic, f"stamp {value.t_ns} ns came after later stamps had been handled")
         if start := self._sequencer.new_run:
@@ -124,6 +124,10 @@ class Runner:
 
 
 _HELD = 1000  # messages kept while a latched input is missing
+
+
+def _turn_ns(wanted: Input, value: Any) -> int:
+    return int(value.t_ns) if wanted.until_ns is None else wanted.until_ns(value)
 
 
 def _check_frame(wanted: Input, value: Any) -> None:

@@ -1,0 +1,39 @@
+"""Clicks: samples far above everything within a millisecond. In a band they would ring like a short ping."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .types import AnyArray
+
+_BLOCK = 1e-3  # s, and at most a quarter of a ping
+_FEWEST = 32  # samples of a block; a shorter one cannot tell
+_OUTLIER = 8.0  # times the mean absolute value: 6 standard deviations of noise; a ping's wave reaches 1.6 times
+_LIMIT = 4.0  # times the mean around, what is left of a click
+
+
+def click_block(sample_rate: float, pulse_length: float) -> int:
+    """Samples of a block; 0 for pings too short to be told from clicks."""
+    size = round(min(_BLOCK, pulse_length / 4) * sample_rate)
+    return size if size >= _FEWEST else 0
+
+
+def limit_clicks(samples: AnyArray, block: int) -> tuple[AnyArray, int]:
+    """Samples (n,) with their clicks cut down, and in how many blocks; without any, the array itself.
+
+    A loud block beside another loud one is the edge of a ping, no click.
+    """
+    count = samples.size // block if block else 0
+    if count < 2:
+        return samples, 0
+    size = np.abs(samples[: count * block]).reshape(count, block)
+    own = size.mean(axis=1)
+    around = np.maximum(np.append(own[1:], 0.0), np.append(0.0, own[:-1]))
+    (hit,) = np.nonzero(size.max(axis=1) > _OUTLIER * np.maximum(own, around))
+    if hit.size == 0:
+        return samples, 0
+    limited = samples.copy()
+    rows = limited[: count * block].reshape(count, block)
+    limit = (_LIMIT * around[hit, None]).astype(samples.dtype)
+    rows[hit] = np.clip(rows[hit], -limit, limit)
+    return limited, int(hit.size)
