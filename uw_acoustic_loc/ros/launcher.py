@@ -27,6 +27,7 @@ _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
 _DRAIN_S = 30.0
 _TICK_S = 0.02  # real time between two /clock messages
 _WINDOW_S = 0.25  # of the clock, after which it waits for the slowest node: half of what inputs wait for each other
+_CATCH_UP_S = 2.0
 _ALL_EVERY = 8  # windows between two checks of the nodes that have a single input, and so no order to lose
 _BOOKS_S = 5.0
 
@@ -126,7 +127,8 @@ class Launcher:
                 checked = now = checked + _WINDOW_S
                 self._tick(now)
                 self._wait_for_books(now)
-                begun = max(begun, time.monotonic() - now / rate)  # the clock stands still for a slow node
+                # a clock that had to wait catches up, but not more than this
+                begun = max(begun, time.monotonic() - (now + _CATCH_UP_S) / rate)
             elif self._clock:
                 self._tick(now)
             if self._run.progress:
@@ -136,7 +138,8 @@ class Launcher:
             if self._run.duration and now >= self._run.duration:
                 break
             self._executor.spin_once(timeout_sec=0.0)
-            time.sleep(_TICK_S)
+            if not self._clock or (time.monotonic() - begun) * rate < checked + _WINDOW_S:
+                time.sleep(_TICK_S)
         return 0
 
     def _tick(self, now: float) -> None:

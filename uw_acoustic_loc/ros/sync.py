@@ -48,7 +48,7 @@ class SyncClient:
                 wrong = [f"{name} does not answer" for name in names if name not in reports] or good(reports)
             if not wrong or time.monotonic() > limit:
                 return wrong
-            self._executor.spin_once(timeout_sec=0.02)
+            self._executor.spin_once(timeout_sec=0.005)
 
 
 Reports = Mapping[str, Mapping[str, Any]]
