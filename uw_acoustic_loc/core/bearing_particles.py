@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from .geometry import wrap_angle, wrap_angles
-from .triangulation import Fix, Ray
+from .triangulation import Drift, Fix, Ray
 from .types import Array
 
 NOISES = ("gaussian", "uniform", "student_t", "mixture")
@@ -70,24 +70,29 @@ class BearingParticles:
             raise ValueError(f"range_min must be above 0 and below range_max, got {range_min:g} and {range_max:g}")
         self._noise, self._rng, self._process_noise = noise, rng, process_noise
         self._origin, self._limits = np.array([[ray.x], [ray.y]]), (range_min, range_max)
-        self._rays, self._ages = [ray], [0.0]
+        self._rays, self._ages = [ray], [(0.0, 0.0)]
         stratum = (np.arange(particles) + rng.random(particles)) / particles
         ranges = np.sqrt(range_min**2 + stratum * (range_max**2 - range_min**2))
         angles = ray.bearing + draw_errors(noise, ray.std, particles, rng)
         self._xy = self._origin + ranges * np.stack([np.cos(angles), np.sin(angles)])
         self._log_weight = np.full(particles, -math.log(particles))
 
-    def predict(self, duration: float) -> None:
-        """Lets every particle wander for a duration in s."""
-        self._ages = [age + duration for age in self._ages]
+    def predict(self, duration: float, drift: Drift) -> None:
+        """Lets every particle wander for a duration in s, and turn about the vehicle."""
+        self._ages = [(age + duration, turned + drift.variance) for age, turned in self._ages]
         if self._process_noise:
             self._xy = self._xy + self._rng.normal(0, self._process_noise * math.sqrt(duration), self._xy.shape)
+        if drift.variance:
+            turn = self._rng.normal(0, math.sqrt(drift.variance), self._log_weight.size)
+            dx, dy = self._xy[0] - drift.x, self._xy[1] - drift.y
+            c, s = np.cos(turn), np.sin(turn)
+            self._xy = np.stack([drift.x + c * dx - s * dy, drift.y + s * dx + c * dy])
 
     def update(self, ray: Ray) -> None:
         """Weights by nearness to the bearing; a correlated bearing's log-likelihood counts with its share."""
         self._rays.append(ray)
-        self._ages.append(0.0)
-        log_weight = self._log_weight + self._log_likelihood(self._xy, ray, 0.0)
+        self._ages.append((0.0, 0.0))
+        log_weight = self._log_weight + self._log_likelihood(self._xy, ray, (0.0, 0.0))
         log_weight -= log_weight.max()
         self._log_weight = log_weight - math.log(float(np.exp(log_weight).sum()))
         if self.ess < self._log_weight.size / 2:
@@ -152,18 +157,19 @@ class BearingParticles:
         """Of bearing and log range, given every remembered ray: uniform in area, so the prior is 2 log range."""
         low, high = (math.log(limit) for limit in self._limits)
         xy = self._cartesian(polar, heading)
-        total = np.where((polar[1] >= low) & (polar[1] <= high), 2 * polar[1], -np.inf)
+        total = np.where((polar[1] >= low) & (polar[1] <= high), 2 * polar[1], _NEVER)
         for ray, age in zip(self._rays, self._ages, strict=True):
             total += self._log_likelihood(xy, ray, age)
         return total
 
-    def _log_likelihood(self, xy: Array, ray: Ray, age: float) -> Array:
-        """A ray's; the source may have wandered since, which widens the older ones."""
+    def _log_likelihood(self, xy: Array, ray: Ray, age: tuple[float, float]) -> Array:
+        """A ray's; the source may have wandered and turned since, which widens the older ones."""
         dx, dy = xy[0] - ray.x, xy[1] - ray.y
         error = wrap_angles(ray.bearing - np.arctan2(dy, dx))
-        if not self._process_noise or age == 0:
+        wandered, turned = self._process_noise**2 * age[0], age[1]
+        if wandered == turned == 0:
             return np.asarray(ray.weight * log_likelihood(self._noise, error, ray.std))
-        std = np.sqrt(ray.std**2 + self._process_noise**2 * age / (dx * dx + dy * dy + 1e-12))
+        std = np.sqrt(ray.std**2 + turned + wandered / (dx * dx + dy * dy + 1e-12))
         return np.asarray(ray.weight * (log_likelihood(self._noise, error, std) - np.log(std)))
 
     def _polar(self) -> tuple[Array, float]:
@@ -175,7 +181,7 @@ class BearingParticles:
 
     def _cartesian(self, polar: Array, heading: float) -> Array:
         angle = polar[0] + heading
-        return self._origin + np.exp(polar[1]) * np.stack([np.cos(angle), np.sin(angle)])
+        return np.asarray(self._origin + np.exp(polar[1]) * np.stack([np.cos(angle), np.sin(angle)]))
 
 
 def _root(cov: Array) -> Array:
@@ -189,6 +195,7 @@ def _moments(points: Array, weight: Array) -> tuple[Array, Array]:
     return mean, (centred * weight) @ centred.T
 
 
+_NEVER = -1e9  # finite: a source that has wandered out of the interval may come back
 _SOFTNESS = 0.01
 _FREEDOM = 4.0
 _OUTLIERS = 0.1

@@ -12,7 +12,7 @@ from ..config import param
 from .bearing_ekf import BearingEkf, range_bank
 from .bearing_particles import NOISES, BearingParticles
 from .geometry import mirror_bearing, wrap_angle
-from .triangulation import Fix, Ray, Triangulation
+from .triangulation import Drift, Fix, Ray, Triangulation
 
 Estimator = Triangulation | BearingEkf | BearingParticles
 
@@ -46,6 +46,8 @@ class LocalizerConfig:
     def __post_init__(self) -> None:
         check_source_ids(self.source_ids)
         check_ranges(self.range_min, self.range_max)
+        if self.lines % 2:
+            raise ValueError(f"lines must be even, got {self.lines}")
 
 
 def check_source_ids(source_ids: tuple[str, ...]) -> None:
@@ -79,11 +81,25 @@ def independent_share(interval: float, correlation_time: float) -> float:
     return 1.0 if correlation_time <= 0 else math.tanh(interval / (2 * correlation_time))
 
 
+def image_error(errors: list[float], std: float) -> tuple[float, float]:
+    """Innovation of a bearing that may be its own mirror image, and the variance that the doubt adds.
+
+    Mean and variance over the images, weighted by their likelihood, a prediction being as good as a bearing. Far from
+    the array's axis the nearer image has all the weight; on the axis, taking the nearer one would draw the source to
+    the side where it is believed.
+    """
+    nearest = min(e * e for e in errors)
+    weights = [math.exp(-0.25 * (e * e - nearest) / std**2) for e in errors]
+    total = sum(weights)
+    mean = sum(w * e for w, e in zip(weights, errors, strict=True)) / total
+    return mean, sum(w * (e - mean) ** 2 for w, e in zip(weights, errors, strict=True)) / total
+
+
 class Hypothesis:
     """One estimator that believes in one side at its start.
 
-    From then on it takes of a bearing and its mirror image the one that it predicts, so that a source may pass the
-    array's axis.
+    From then on it takes of a bearing and its mirror image the one that it predicts (`image_error`), so that a source
+    may pass the array's axis.
     """
 
     def __init__(self, ray: Ray, config: LocalizerConfig, rng: np.random.Generator) -> None:
@@ -92,15 +108,18 @@ class Hypothesis:
         self.nis = 0.0
         self.unused = 0  # bearings in a row beyond the gate
 
-    def update(self, rays: list[Ray], duration: float, gate_sigma: float) -> None:
-        self.estimator.predict(duration)
+    def update(self, rays: list[Ray], duration: float, drift: Drift, gate_sigma: float) -> None:
+        self.estimator.predict(duration, drift)
         predicted, variance = self.estimator.predicted_bearing(rays[0].x, rays[0].y)
-        error, ray = min(((wrap_angle(r.bearing - predicted), r) for r in rays), key=lambda pair: abs(pair[0]))
-        self.log_evidence += log_evidence(error, variance + ray.std**2 / ray.weight)
-        self.nis = error * error / (variance + ray.std**2)
+        std, weight = rays[0].std, rays[0].weight
+        errors = [wrap_angle(ray.bearing - predicted) for ray in rays]
+        error, spread = image_error(errors, std)
+        self.log_evidence += log_evidence(error, variance + (std**2 + spread) / weight)
+        self.nis = error * error / (variance + std**2 + spread)
         self.unused = 0 if self.nis <= gate_sigma**2 else self.unused + 1
         if self.unused == 0:
-            self.estimator.update(ray)
+            bearing = wrap_angle(predicted + error)
+            self.estimator.update(Ray(rays[0].x, rays[0].y, bearing, math.sqrt(std**2 + spread), weight))
 
     @property
     def fix(self) -> Fix | None:
@@ -119,9 +138,15 @@ class SourceLocalizer:
         self.sides: list[Hypothesis] = []
         self.used = self.unused = self.restarts = 0
         self._last_ns = 0
+        self._yaw_variance = 0.0
 
-    def update(self, t_ns: int, x: float, y: float, yaw: float, bearing: float, variance: float) -> None:
+    def update(
+        self, t_ns: int, x: float, y: float, yaw: float, bearing: float, variance: float, yaw_variance: float = 0.0
+    ) -> None:
         """Takes a bearing in the vehicle's frame, heard at (x, y) with that yaw.
+
+        `yaw_variance` is the odometry's own; as it grows, the source turns about the vehicle. Triangulation is for
+        odometry that does not drift.
 
         Raises:
             ValueError: a variance that is not positive while bearing_std is 0, or a stamp that does not advance.
@@ -137,7 +162,8 @@ class SourceLocalizer:
         if not self.sides:
             self._start(rays)
         else:
-            self._continue(rays, duration)
+            self._continue(rays, duration, Drift(x, y, max(0.0, yaw_variance - self._yaw_variance)))
+        self._yaw_variance = yaw_variance
 
     @property
     def mirror_probability(self) -> float:
@@ -151,9 +177,9 @@ class SourceLocalizer:
         self.sides = [Hypothesis(ray, self.config, self._rng) for ray in rays]
         self.used += 1
 
-    def _continue(self, rays: list[Ray], duration: float) -> None:
+    def _continue(self, rays: list[Ray], duration: float, drift: Drift) -> None:
         for side in self.sides:
-            side.update(rays, duration, self.config.gate_sigma)
+            side.update(rays, duration, drift, self.config.gate_sigma)
         if all(side.unused for side in self.sides):
             self.unused += 1
         else:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .geometry import mirror_bearing, wrap_angle, wrap_angles
+from .geometry import mirror_bearing, wrap_angle
 from .inertial import GYRO_BIAS, LOG_BIAS, SIZE, YAW
 from .joint import Joint, Slot
-from .triangulation import Fix, intersect, merged_pairs
+from .localizer import image_error
+from .triangulation import Fix, fits, meet, merged_pairs, nearest, residuals
 from .types import Array
 
 if TYPE_CHECKING:
@@ -36,11 +37,16 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
-    """Where lines meet, how that moves with errors of the BIASES (2, 3), and the residuals' sum of squares."""
+    """Where lines meet, how that moves with errors of the BIASES (2, 3), and how well they meet.
+
+    `cost` is what is left of the sum of squared residuals when the biases may err as they do; `sharp` says that they
+    meet without that.
+    """
 
     fix: Fix
     by_bias: Array
     cost: float
+    sharp: bool
 
 
 class Lines:
@@ -55,7 +61,10 @@ class Lines:
         self._count = 0
 
     def add(self, raw: Pose, offset: Array, bearing: float, variance: float) -> None:
-        """Takes a bearing in the vehicle's frame."""
+        """Takes a bearing in the vehicle's frame, and forgets what is older than the biases can be trusted."""
+        old = int(np.searchsorted(self._lines[: self._count, 4], raw.time - _MEMORY))
+        self._lines[: self._count - old] = self._lines[old : self._count].copy()
+        self._count -= old
         if self._count == _CAPACITY:
             self._count //= 2
             self._lines[: self._count] = merged_pairs(self._lines)
@@ -63,21 +72,30 @@ class Lines:
         self._lines[self._count] = line
         self._count += 1
 
-    def meeting(self, raw: Pose, pose: Pose, biases: Array) -> Meeting | None:
-        """In the frame of `pose`, the estimate of where the raw track has come to; None while lines are parallel."""
+    def meeting(self, raw: Pose, pose: Pose, biases: Array, bias_cov: Array) -> Meeting | None:
+        """In the frame of `pose`, the estimate of where the raw track has come to.
+
+        None while that is not determined at all.
+        """
         lines, variances = self._lines[: self._count], self._lines[: self._count, 3]
         turned = pose.yaw - raw.yaw + biases[0] * (raw.time - lines[:, 4])
         origins, moved = self._origins(raw, pose, biases, turned)
         bearings = lines[:, 2] + turned
-        fix = intersect(origins, bearings, variances)
+        fix = nearest(origins, bearings, variances)
         if fix is None:
             return None
         offset = fix.mean - origins
         H = np.stack([-offset[:, 1], offset[:, 0]], axis=1) / np.square(offset).sum(axis=1)[:, None]
-        error = wrap_angles(bearings - np.arctan2(offset[:, 1], offset[:, 0]))
-        residuals_by_bias = np.einsum("ij,ijk->ik", H, moved)
-        residuals_by_bias[:, 0] += raw.time - lines[:, 4]
-        return Meeting(fix, fix.cov @ (H.T / variances) @ residuals_by_bias, float(np.square(error) @ (1 / variances)))
+        A = np.einsum("ij,ijk->ik", H, moved)  # of the residuals, with respect to the biases
+        A[:, 0] += raw.time - lines[:, 4]
+        by_bias = fix.cov @ (H.T / variances) @ A
+        error = residuals(fix.mean, origins, bearings)
+        pull = A.T @ (error / variances)
+        information = (A - H @ by_bias).T / variances @ A  # on the biases, the point being free
+        gain = np.linalg.solve(np.eye(3) + bias_cov @ information, bias_cov @ pull)
+        cost = float(error @ (error / variances))
+        sharp = meet(fix, origins, bearings) and fits(cost, self._count)
+        return Meeting(fix, by_bias, cost - float(pull @ gain), sharp)
 
     def _origins(self, raw: Pose, pose: Pose, biases: Array, turned: Array) -> tuple[Array, Array]:
         """Where the lines were heard (n, 2), and how that moves with errors of the biases (n, 2, 3).
@@ -136,9 +154,10 @@ class Pinger:
         self, slot: Slot, config: SlamConfig, images: list[float], std: float, share: float, offset: Array
     ) -> None:
         prediction = self._joint.bearing(slot, offset)
-        error = min((wrap_angle(image - prediction.value) for image in images), key=abs)
-        variance = std**2 / share
-        self.nis = error * error / (prediction.variance + std**2)
+        errors = [wrap_angle(image - prediction.value) for image in images]
+        error, spread = image_error(errors, std)
+        variance = (std**2 + spread) / share
+        self.nis = error * error / (prediction.variance + std**2 + spread)
         if self.nis > config.gate_sigma**2:
             self._reject(config)
             return
@@ -157,14 +176,14 @@ class Pinger:
     def _try_to_start(self, config: SlamConfig, raw: Pose) -> None:
         mean = self._joint.mean
         pose = Pose(float(mean[0]), float(mean[1]), float(mean[YAW]), raw.time)
-        found = [m for side in self._sides if (m := side.meeting(raw, pose, mean[BIASES])) is not None]
-        self.both_sides = len(self._sides) == 2 and not _decided(found, config.mirror_probability)
-        if not found or self.both_sides:
+        bias_cov = self._joint.cov[np.ix_(BIASES, BIASES)]
+        found = [side.meeting(raw, pose, mean[BIASES], bias_cov) for side in self._sides]
+        best = _decided([m for m in found if m is not None], len(found), config.mirror_probability)
+        self.both_sides = len(found) == 2 and best is None
+        if best is None or not best.sharp:
             return
-        best = min(found, key=lambda m: m.cost)
         dx, dy = best.fix.mean - (pose.x, pose.y)
         distance = math.hypot(dx, dy)
-        bias_cov = self._joint.cov[np.ix_(BIASES, BIASES)]
         spread = np.trace(best.fix.cov + best.by_bias @ bias_cov @ best.by_bias.T)
         if config.range_min <= distance <= config.range_max and spread < (_KNOWN * distance) ** 2:
             J = np.zeros((2, SIZE))
@@ -173,9 +192,12 @@ class Pinger:
             self._slot, self._sides = self._joint.add(best.fix, J), []
 
 
-def _decided(found: list[Meeting], least: float) -> bool:
-    """Whether the lines of both sides meet, and one side's far better than the other's."""
-    return len(found) == 2 and abs(found[0].cost - found[1].cost) > 2 * math.log(1 / least - 1)
+def _decided(found: list[Meeting], sides: int, least: float) -> Meeting | None:
+    """The only side, or the one of two that is far likelier."""
+    if len(found) < sides:
+        return None
+    best = min(found, key=lambda m: m.cost)
+    return best if sum(m.cost - best.cost for m in found) > 2 * math.log(1 / least - 1) or sides == 1 else None
 
 
 def _rotations(angles: Array) -> Array:
@@ -191,6 +213,7 @@ def _sum_to_end(steps: Array) -> Array:
 
 BIASES = [GYRO_BIAS.stop - 1, LOG_BIAS.start, LOG_BIAS.start + 1]  # those that bend and stretch a level track
 _CAPACITY = 400  # lines
+_MEMORY = 100.0  # s
 _EVERY = 5  # bearings
 _KNOWN = 0.07
 _FREEDOM = 4.0

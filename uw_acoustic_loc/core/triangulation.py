@@ -22,6 +22,15 @@ class Ray:
     weight: float = 1.0
 
 
+@dataclass(frozen=True)
+class Drift:
+    """What the vehicle's heading has drifted since the last bearing: everything turns about the vehicle."""
+
+    x: float = 0.0  # m, where the vehicle is
+    y: float = 0.0
+    variance: float = 0.0  # rad^2
+
+
 @dataclass(frozen=True, eq=False)
 class Fix:
     """A position (2,) with its covariance (2, 2)."""
@@ -31,12 +40,21 @@ class Fix:
 
 
 def intersect(origins: Array, bearings: Array, variances: Array) -> Fix | None:
-    """The maximum-likelihood meeting point of lines from `origins` (n, 2); None when they are parallel within noise.
+    """Where lines from `origins` (n, 2) meet (`nearest`); None when they are parallel within their noise.
+
+    Parallel means: the range is uncertain by more than half of itself, or the lines meet behind the observer. Whether
+    they all meet there, `fits` tells.
+    """
+    fix = nearest(origins, bearings, variances)
+    return fix if fix is not None and meet(fix, origins, bearings) else None
+
+
+def nearest(origins: Array, bearings: Array, variances: Array) -> Fix | None:
+    """The maximum-likelihood point of bearing lines, however uncertain; None only when it is not determined at all.
 
     Least squares of the distances across the lines is Shin et al. eq. 1-2 for two lines and is drawn towards the
     observer when there are many noisy ones, so Gauss-Newton steps on the angles follow, from the likeliest of that
-    point and some along the middle line. Parallel means: the range is uncertain by more than half of itself, or the
-    lines meet behind the observer, or nowhere within five sigma of the residuals' sum of squares.
+    point and some along the mean direction.
     """
     starts = _starts(origins, bearings, variances)
     costs = np.square(_errors(starts, origins, bearings)) @ (1 / variances)
@@ -46,12 +64,35 @@ def intersect(origins: Array, bearings: Array, variances: Array) -> Fix | None:
         if step is None:
             return None
         point, information = step
-    return _checked(point, information, origins, bearings, variances)
+    columns = [_solved(information, unit) for unit in np.eye(2)]
+    if columns[0] is None or columns[1] is None:
+        return None
+    cov = np.stack([columns[0], columns[1]], axis=1)
+    return Fix(point, (cov + cov.T) / 2)
+
+
+def meet(fix: Fix, origins: Array, bearings: Array) -> bool:
+    """Whether lines meet at a fix: before the observer, and sharply enough."""
+    offset = fix.mean - origins
+    toward = offset[:, 0] * np.cos(bearings) + offset[:, 1] * np.sin(bearings)
+    reach = float(np.einsum("ij,ij->i", offset, offset).max())
+    return bool(np.median(toward) > 0 and 0 <= np.linalg.eigvalsh(fix.cov)[1] <= _PARALLEL**2 * reach)
+
+
+def residuals(point: Array, origins: Array, bearings: Array) -> Array:
+    """(n,) errors in rad of bearings of a point (2,)."""
+    return np.asarray(_errors(point[None], origins, bearings)[0])
+
+
+def fits(cost: float, lines: int) -> bool:
+    """Whether a sum of squared residuals, each over its variance, is within five sigma of what noise makes it."""
+    freedom = max(lines - 2, 1)
+    return cost <= freedom + 5 * math.sqrt(2 * freedom)
 
 
 class Triangulation:
-    """The meeting point of all bearings so far. When `capacity` lines are held, neighbours are averaged in pairs: the
-    memory is bounded, and neither the information nor the length of the baseline is lost.
+    """The meeting point of all bearings so far. When `capacity` lines are held, neighbours are averaged in pairs, and
+    from then on as many new bearings make a line: the memory is bounded, and the whole baseline is kept.
     """
 
     def __init__(self, ray: Ray, capacity: int) -> None:
@@ -59,20 +100,34 @@ class Triangulation:
             raise ValueError(f"capacity must be an even number of at least 4 lines, got {capacity}")
         self._lines = np.empty((capacity, 4))  # x, y, bearing, variance
         self._count = 0
+        self._rays = self._last = 1  # in each line, in the last one
         self._fix: Fix | None = None
         self.update(ray)
 
-    def predict(self, duration: float) -> None:
+    def predict(self, duration: float, drift: Drift) -> None:
         """Nothing: a line stays where it was drawn."""
 
     def update(self, ray: Ray) -> None:
+        self._remember(np.array([ray.x, ray.y, ray.bearing, ray.std**2 / ray.weight]))
+        lines = self._lines[: self._count]
+        fix = intersect(lines[:, :2], lines[:, 2], lines[:, 3])
+        if fix is not None:
+            cost = float(np.square(residuals(fix.mean, lines[:, :2], lines[:, 2])) @ (1 / lines[:, 3]))
+            fix = fix if fits(cost, self._count) else None
+        self._fix = fix
+
+    def _remember(self, line: Array) -> None:
+        if self._last < self._rays:
+            self._lines[self._count - 1] = merged_pairs(np.stack([self._lines[self._count - 1], line]))[0]
+            self._last += 1
+            return
         if self._count == len(self._lines):
             self._count //= 2
             self._lines[: self._count] = merged_pairs(self._lines)
-        self._lines[self._count] = ray.x, ray.y, ray.bearing, ray.std**2 / ray.weight
+            self._rays *= 2
+        self._lines[self._count] = line
         self._count += 1
-        lines = self._lines[: self._count]
-        self._fix = intersect(lines[:, :2], lines[:, 2], lines[:, 3])
+        self._last = 1
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance: the last line's until lines meet."""
@@ -84,7 +139,7 @@ class Triangulation:
         return math.atan2(dy, dx), float(across @ self._fix.cov @ across)
 
     def estimate(self) -> Fix | None:
-        """The fix; None while the lines are parallel within their noise."""
+        """The fix; None while the lines are parallel within their noise, or do not all meet."""
         return self._fix
 
 
@@ -104,10 +159,9 @@ def merged_pairs(lines: Array) -> Array:
 
 def _starts(origins: Array, bearings: Array, variances: Array) -> Array:
     """(m, 2) points to begin at."""
-    middle = len(origins) // 2
-    direction = np.array([math.cos(bearings[middle]), math.sin(bearings[middle])])
+    direction = np.array([np.cos(bearings).mean(), np.sin(bearings).mean()])
     baseline = float(np.hypot(*(origins[-1] - origins[0]))) + float(np.ptp(origins, axis=0).max()) + _TINY
-    along = origins[middle] + np.outer(baseline * np.geomspace(0.1, 100.0, 16), direction)
+    along = origins[len(origins) // 2] + np.outer(baseline * np.geomspace(0.1, 100.0, 16), direction)
     normals = np.stack([-np.sin(bearings), np.cos(bearings)], axis=1)
     weighted = normals.T / variances
     linear = _solved(weighted @ normals, weighted @ np.einsum("ij,ij->i", normals, origins))
@@ -126,26 +180,9 @@ def _gauss_newton(point: Array, origins: Array, bearings: Array, variances: Arra
     jacobian = np.stack([-offset[:, 1], offset[:, 0]], axis=1) / range_squared[:, None]
     weighted = jacobian.T / variances
     information = weighted @ jacobian
-    step = _solved(information, weighted @ _errors(point[None], origins, bearings)[0])
-    if step is None:
-        return None
-    longest = 0.5 * math.sqrt(float(range_squared.max()))  # a longer step leaves the region that the Jacobian knows
-    return point + step * min(1.0, longest / max(math.hypot(*step), _TINY)), information
-
-
-def _checked(point: Array, information: Array, origins: Array, bearings: Array, variances: Array) -> Fix | None:
-    offset = point - origins
-    toward = offset[:, 0] * np.cos(bearings) + offset[:, 1] * np.sin(bearings)
-    cov = np.linalg.inv(information)
-    cov = (cov + cov.T) / 2
-    reach = float(np.einsum("ij,ij->i", offset, offset).max())
-    freedom = max(len(origins) - 2, 1)
-    cost = float(np.square(_errors(point[None], origins, bearings)[0]) @ (1 / variances))
-    if cost > freedom + 5 * math.sqrt(2 * freedom) or np.median(toward) <= 0:
-        return None
-    if not 0 <= np.linalg.eigvalsh(cov)[1] <= _PARALLEL**2 * reach:
-        return None
-    return Fix(point, cov)
+    damping = 4 / float(range_squared.max()) * np.eye(2)  # a step beyond half the range leaves what the Jacobian knows
+    step = _solved(information + damping, weighted @ _errors(point[None], origins, bearings)[0])
+    return None if step is None else (point + step, information)
 
 
 def _solved(matrix: Array, vector: Array) -> Array | None:

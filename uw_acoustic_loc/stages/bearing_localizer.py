@@ -72,11 +72,13 @@ class BearingLocalizerStage:
     def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
         position, yaw = self._array_pose(bearing)
         source = self._sources[name]
-        source.update(bearing.t_ns, position[0], position[1], yaw, bearing.bearing, bearing.variance)
+        x, y, z = position.tolist()
+        source.update(bearing.t_ns, x, y, yaw, bearing.bearing, bearing.variance, self._yaw_variance)
         for topic, side in zip(("position", "mirror_position"), source.sides, strict=False):
             if (fix := side.fix) is not None:
-                yield f"sources/{name}/{topic}", _position(bearing.t_ns, fix, position[2])
-        yield from self._cloud(name, bearing.t_ns, position[2])
+                cov = fix.cov + self._drift(fix.mean)
+                yield f"sources/{name}/{topic}", _position(bearing.t_ns, Fix(fix.mean, cov), z)
+        yield from self._cloud(name, bearing.t_ns, z)
 
     def _array_pose(self, bearing: Bearing) -> tuple[Array, float]:
         """Position of the array in odom and the vehicle's yaw at the bearing's stamp: the last pose, moved on."""
@@ -92,6 +94,23 @@ class BearingLocalizerStage:
         midway = rotation_from_rpy(roll, pitch, yaw + turn / 2)
         position = last.position + midway @ (last.linear * duration)
         return position + rotation_from_rpy(roll, pitch, yaw + turn) @ bearing.position, yaw + turn
+
+    @property
+    def _yaw_variance(self) -> float:
+        cov = None if self._odometry is None else self._odometry.pose_cov
+        return 0.0 if cov is None or cov[0, 0] < 0 else float(cov[5, 5])
+
+    def _drift(self, point: Array) -> Array:
+        """(2, 2) what the odometry's own pose covariance makes of a point: what is seen from a wrong pose is wrong too.
+
+        Zero when the odometry does not know its covariance.
+        """
+        odometry = self._odometry
+        if odometry is None or odometry.pose_cov[0, 0] < 0:
+            return np.zeros((2, 2))
+        dx, dy = point - odometry.position[:2]
+        J = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]])
+        return np.asarray(J @ odometry.pose_cov[np.ix_(_PLANAR, _PLANAR)] @ J.T)
 
     def _cloud(self, name: str, t_ns: int, z: float) -> Iterator[Emission]:
         estimator = self._sources[name].sides[0].estimator
@@ -128,5 +147,6 @@ def _position(t_ns: int, fix: Fix, z: float) -> Position:
     return Position(t_ns, np.array([*fix.mean, z]), cov, "odom")
 
 
+_PLANAR = [0, 1, 5]  # x, y, yaw
 _CLOUD_SIZE = 200
 _CLOUD_PERIOD_NS = 500_000_000

@@ -1,0 +1,235 @@
+"""EKF-SLAM: Jacobians, honesty over seeded runs, gates, sides and sentences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uw_acoustic_loc.config import build
+from uw_acoustic_loc.core.geometry import wrap_angle
+from uw_acoustic_loc.core.inertial import SIZE, YAW
+from uw_acoustic_loc.core.joint import Joint, regression
+from uw_acoustic_loc.core.slam import Slam, SlamConfig
+from uw_acoustic_loc.core.slam_pinger import Lines, Pose
+from uw_acoustic_loc.core.triangulation import Fix
+from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint
+from uw_acoustic_loc.sim.trajectory import Trajectory
+from uw_acoustic_loc.sim.vehicle import VehicleSource
+
+STD = math.radians(5)
+PINGERS = {"a": (15.66, 23.79), "b": (18.87, 11.46), "c": (8.0, 16.0)}  # Choi et al. 2016, table 1; c is ours
+PATH = tuple(Waypoint(x, y) for x, y in ((0, 20), (24, 0), (20, -4), (-3, 15)))
+BOAT = Vehicle(waypoints=PATH, speed=0.33, turn_radius=1.5, z=0.0)
+SCENARIO = Scenario(vehicle=BOAT, duration=195.0)  # upper left to lower right and back
+ZERO = np.zeros(2)
+
+
+def config(**values):
+    return build(
+        SlamConfig, {"source_ids": tuple(PINGERS), "bearing_std": STD, "bearing_correlation_time": 0.0} | values, "test"
+    )
+
+
+def start_frame(scenario: Scenario) -> tuple[np.ndarray, np.ndarray, float]:
+    start = Trajectory(scenario.vehicle).at(0.0)
+    yaw = float(start.yaw[0])
+    return start.positions[:2, 0], np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]), yaw
+
+
+def measurements(scenario: Scenario, std: float = STD, pingers=PINGERS) -> list[tuple[int, str, object]]:
+    events = [e for e in VehicleSource(scenario).events() if e[1] in ("imu/data", "dvl/twist")]
+    rng = np.random.default_rng([scenario.seed, 77])
+    times = np.arange(0.013, scenario.duration, 0.1)
+    motion = Trajectory(scenario.vehicle).at(times)
+    for name, (x, y) in pingers.items():
+        bearings = np.arctan2(y - motion.positions[1], x - motion.positions[0]) - motion.yaw
+        bearings += rng.normal(0, std, times.size)
+        events += [(scenario.t_ns(t), name, wrap_angle(b)) for t, b in zip(times, bearings, strict=True)]
+    return sorted(events, key=lambda event: event[0])
+
+
+def feed(slam: Slam, events: list[tuple[int, str, object]], image=lambda bearing: bearing) -> list[np.ndarray]:
+    track = []
+    for t_ns, topic, value in events:
+        if topic == "imu/data":
+            slam.on_imu(t_ns, value.angular, value.acceleration)
+        elif topic == "dvl/twist":
+            slam.on_velocity(t_ns, value.linear)
+            track.append(np.array([t_ns, *slam.joint.mean[:2]]))
+        else:
+            slam.on_bearing(topic, t_ns, image(value), math.nan, ZERO)
+    return track
+
+
+def errors(slam: Slam, scenario: Scenario, pingers=PINGERS) -> dict[str, tuple[float, float]]:
+    """Distance and NEES per dimension at the end."""
+    origin, rotation, _ = start_frame(scenario)
+    end = Trajectory(scenario.vehicle).at(scenario.duration).positions[:2, 0]
+    fixes = {"vehicle": (Fix(slam.joint.mean[:2], slam.joint.cov[:2, :2]), end)}
+    fixes |= {name: (slam.position(name), np.array(at)) for name, at in pingers.items()}
+    found = {}
+    for name, (fix, true) in fixes.items():
+        assert fix is not None, name
+        off = fix.mean - rotation @ (true - origin)
+        found[name] = math.hypot(*off), float(off @ np.linalg.solve(fix.cov, off)) / 2
+    return found
+
+
+def test_honest_and_near_over_seeds():
+    runs = [replace(SCENARIO, seed=seed) for seed in range(4)]
+    found = []
+    for scenario in runs:
+        slam = Slam(config())
+        feed(slam, measurements(scenario))
+        found.append(errors(slam, scenario))
+    nees = [run[name][1] for run in found for name in run]
+    assert 0.5 < np.mean(nees) < 1.6 and max(nees) < 15
+    for name in PINGERS:
+        assert np.median([run[name][0] for run in found]) < 0.5
+    assert np.median([run["vehicle"][0] for run in found]) < 0.45
+
+
+def test_without_bearings_it_is_honest_dead_reckoning():
+    found = []
+    for seed in range(20):
+        scenario = replace(SCENARIO, seed=seed, duration=12.0)
+        slam = Slam(config())
+        feed(slam, measurements(scenario, pingers={}))
+        found.append(errors(slam, scenario, {})["vehicle"][1])
+    assert abs(np.mean(found) - 1) < 4 / math.sqrt(20)
+
+
+def test_bearing_jacobian_and_sign():
+    joint = Joint(np.concatenate([[3.0, -2.0, 0, 0, 0, 0.7], np.zeros(9)]), np.full(SIZE, 1e-8))
+    slot = joint.add(Fix(np.array([10.0, 6.0]), 1e-8 * np.eye(2)), np.zeros((2, SIZE)))
+    offset = np.array([0.8, -0.3])
+
+    def expected(mean: np.ndarray) -> float:
+        c, s = math.cos(mean[YAW]), math.sin(mean[YAW])
+        x, y = mean[0] + c * offset[0] - s * offset[1], mean[1] + s * offset[0] + c * offset[1]
+        return math.atan2(mean[SIZE + 1] - y, mean[SIZE] - x) - mean[YAW]
+
+    prediction = joint.bearing(slot, offset)
+    assert prediction.value == pytest.approx(expected(joint.mean), abs=1e-8)
+    step = 1e-6 * np.eye(joint.mean.size)
+    H = np.array([(expected(joint.mean + d) - expected(joint.mean - d)) / 2e-6 for d in step])
+    np.testing.assert_allclose(prediction.cross, joint.cov @ H, rtol=1e-4, atol=1e-13)
+    joint.mean[:6], joint.mean[slot.part] = 0, (5.0, 1.0)
+    assert joint.bearing(slot, ZERO).value > 0  # to port
+
+
+def test_regression_is_the_jacobian_when_sharp_and_the_spread_when_wide():
+    x, y = 3.0, 4.0
+    deviation, slope, rest = regression(x, y, 1e-8 * np.eye(2))
+    np.testing.assert_allclose(slope, [-y / 25, x / 25], rtol=1e-5)
+    assert abs(deviation) < 1e-8 and rest < 1e-12
+    S = np.array([[0.5, 0.3], [0.3, 0.4]])
+    drawn = np.random.default_rng(4).multivariate_normal([x, y], S, 200_000)
+    angles = np.arctan2(drawn[:, 1], drawn[:, 0]) - math.atan2(y, x)
+    deviation, slope, rest = regression(x, y, S)
+    assert deviation == pytest.approx(angles.mean(), abs=2e-3)
+    assert slope @ S @ slope + rest == pytest.approx(angles.var(), rel=0.05)
+
+
+def test_meeting_moves_with_the_biases_as_the_finite_differences_say():
+    times = np.arange(0, 20, 0.1)
+    yaws, points = 0.02 * times, np.zeros((times.size, 2))
+    points[1:] = 0.04 * np.cumsum(np.stack([np.cos(yaws), np.sin(yaws)], axis=1), axis=0)[:-1]
+    lines = Lines()
+    for (x, y), yaw, time in zip(points, yaws, times, strict=True):
+        bearing = math.atan2(9 - y, 4 - x) - yaw
+        lines.add(Pose(x, y, yaw, time), np.array([0.0, 0.0]), bearing, 0.01)
+    raw = Pose(*points[-1], yaws[-1], times[-1])
+    bias_cov = 1e-6 * np.eye(3)
+
+    def fix(biases: np.ndarray) -> np.ndarray:
+        meeting = lines.meeting(raw, raw, biases, bias_cov)
+        assert meeting is not None
+        return meeting.fix.mean
+
+    meeting = lines.meeting(raw, raw, np.zeros(3), bias_cov)
+    assert meeting is not None and meeting.sharp
+    np.testing.assert_allclose(meeting.fix.mean, [4, 9], atol=1e-6)
+    steps = 1e-4 * np.eye(3)
+    by_bias = np.stack([(fix(d) - fix(-d)) / 2e-4 for d in steps], axis=1)
+    np.testing.assert_allclose(meeting.by_bias, by_bias, rtol=0.02, atol=0.5)
+
+
+def test_cross_covariance_of_a_new_pinger():
+    joint = Joint(np.zeros(SIZE), np.arange(1.0, SIZE + 1))
+    J = np.zeros((2, SIZE))
+    J[0, 0] = J[1, 1] = 1.0
+    J[0, YAW] = -4.0
+    joint.add(Fix(np.array([3.0, 4.0]), np.diag([0.5, 0.25])), J)
+    np.testing.assert_allclose(joint.cov[SIZE:, :SIZE], J @ np.diag(np.arange(1.0, SIZE + 1)))
+    np.testing.assert_allclose(joint.cov[SIZE:, SIZE:], [[1 + 16 * 6 + 0.5, 0], [0, 2.25]])
+    second = joint.add(Fix(np.ones(2), np.eye(2)), J)
+    joint.remove(joint._slots[0])
+    assert second.start == SIZE and joint.mean.size == SIZE + 2
+    np.testing.assert_array_equal(joint.mean[second.part], 1.0)
+
+
+def test_a_pinger_heard_on_the_wrong_side_at_first_is_found():
+    scenario = replace(SCENARIO, duration=190.0)
+    slam = Slam(config())
+    wrong_until = scenario.t_ns(60.0)
+    for event in measurements(scenario):
+        t_ns, topic, value = event
+        mirrored = topic == "a" and t_ns < wrong_until
+        feed(slam, [(t_ns, topic, -value if mirrored else value)])
+    assert slam.pingers["a"].restarts >= 1
+    assert errors(slam, scenario)["a"][0] < 1.5
+
+
+def test_a_pinger_that_falls_silent_and_returns_keeps_its_place():
+    scenario = replace(SCENARIO, duration=190.0)
+    slam = Slam(config())
+    silent = scenario.t_ns(90.0), scenario.t_ns(150.0)
+    feed(slam, [e for e in measurements(scenario) if e[1] != "c" or not silent[0] < e[0] < silent[1]])
+    assert slam.pingers["c"].restarts == 0
+    assert errors(slam, scenario)["c"][0] < 0.8
+
+
+HARBOUR = Vehicle(waypoints=tuple(Waypoint(*p) for p in ((0, 0), (60, 0), (60, 40), (0, 40), (0, 5))))
+HARBOUR_PINGERS = {"a": (20.0, 17.0), "b": (42.0, 22.0), "c": (17.0, 27.0)}
+
+
+def test_sides_are_settled_by_the_turns():
+    scenario = Scenario(vehicle=HARBOUR)
+    slam = Slam(config(mirror=True, source_ids=("a", "b", "c")))
+    events = measurements(scenario, pingers=HARBOUR_PINGERS)
+    straight = scenario.t_ns(30.0)
+    feed(slam, [e for e in events if e[0] < straight], image=lambda b: -b)
+    assert any(slam.pingers[name].both_sides for name in HARBOUR_PINGERS)
+    assert all(slam.position(name) is None for name in HARBOUR_PINGERS)
+    feed(slam, [e for e in events if e[0] >= straight], image=lambda b: -b)
+    for name in HARBOUR_PINGERS:
+        assert errors(slam, scenario, HARBOUR_PINGERS)[name][0] < 1.0
+
+
+def test_a_sudden_stop_reopens_the_velocity_gate():
+    scenario = Scenario(vehicle=replace(BOAT, speed=1.5), duration=50.0)  # the path ends after 44 s
+    slam = Slam(config())
+    feed(slam, measurements(scenario, pingers={}))
+    assert slam.dvl.unused == 2 and abs(slam.joint.mean[6]) < 0.05
+
+
+def test_sentences():
+    slam = Slam(config(bearing_std=0.0))
+    with pytest.raises(ValueError, match="no IMU reading yet"):
+        slam.on_velocity(1, np.zeros(3))
+    slam.on_imu(1_000_000_000, np.zeros(3), np.array([0, 0, 9.81]))
+    with pytest.raises(ValueError, match="variance must be positive"):
+        slam.on_bearing("a", 1_000_000_000, 0.1, math.nan, ZERO)
+    with pytest.raises(ValueError, match=r"the IMU is 2\.000 s behind, allowed are 0\.5 s"):
+        slam.on_bearing("a", 3_000_000_000, 0.1, 0.01, ZERO)
+    slam.on_bearing("a", 1_100_000_000, 0.1, 0.01, ZERO)
+    with pytest.raises(ValueError, match="bearing at 1100000000 ns must come after"):
+        slam.on_bearing("a", 1_100_000_000, 0.1, 0.01, ZERO)
+    with pytest.raises(ValueError, match="must not be before"):
+        slam.on_imu(1_000_000_000, np.zeros(3), np.zeros(3))
+    with pytest.raises(ValueError, match=r"mean and variances must be \(15,\)"):
+        Joint(np.zeros(3), np.zeros(15))
