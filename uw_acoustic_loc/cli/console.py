@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 STDERR = Console(stderr=True, highlight=False)
+_REDRAW_S = 0.1
 _COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright_green", "bright_yellow", "bright_blue")
 
 
@@ -28,7 +30,13 @@ def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[
     with Progress(*columns, console=STDERR, disable=not sys.stderr.isatty(), transient=True) as bars:
         task = bars.add_task(title, total=max(total_s, 1e-9), rate="", unit=unit)
 
+        drawn = 0.0
+
         def update(done_s: float) -> None:
+            nonlocal drawn
+            if time.monotonic() - drawn < _REDRAW_S and done_s < total_s:
+                return
+            drawn = time.monotonic()
             speed = bars.tasks[0].speed if unit == "s" else None
             bars.update(task, completed=min(done_s, total_s), rate=f"{speed:.1f}x real time" if speed else "")
 
