@@ -18,6 +18,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from uw_acoustic_loc.ros.processes import SharedMemory
 from uw_acoustic_loc.ros.sync import SyncClient
 from uw_acoustic_loc.ros.types import RosMake, message_class, publisher_qos, subscriber_qos
 from uw_acoustic_loc.wire.codec import codec
@@ -39,6 +40,7 @@ class Bench:
     """A node of the test's own, and the processes of the nodes under test."""
 
     def __init__(self) -> None:
+        self._memory = SharedMemory()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = rclpy.create_node("bench")
         self.executor = SingleThreadedExecutor()
@@ -121,6 +123,7 @@ class Bench:
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
+        self._memory.clean()
 
 
 @pytest.fixture

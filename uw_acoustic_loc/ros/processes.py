@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -108,20 +109,30 @@ class SharedMemory:
     def __init__(self) -> None:
         self._before = self._files()
 
-    def clean(self) -> None:
-        """Removes what appeared since and no process maps any more."""
+    def abandoned(self) -> set[str]:
+        """What appeared since, is ours, and no process maps any more."""
         left = self._files() - self._before
-        if not left:
-            return
-        mapped = "".join(_text(path) for path in Path("/proc").glob("[0-9]*/maps"))
-        for name in left:
-            if name not in mapped:
-                (self._FOLDER / name).unlink(missing_ok=True)
+        mapped = "".join(_text(path) for path in Path("/proc").glob("[0-9]*/maps")) if left else ""
+        # a segment's lock and semaphore live as long as the segment does
+        return {name for name in left if re.sub(r"^sem\.|_mutex$|_el$", "", name) not in mapped}
+
+    def clean(self) -> None:
+        """Removes what is abandoned."""
+        for name in self.abandoned():
+            (self._FOLDER / name).unlink(missing_ok=True)
 
     def _files(self) -> set[str]:
         if not self._FOLDER.is_dir():
             return set()
-        return {path.name for path in self._FOLDER.iterdir() if "fastrtps_" in path.name or "fastdds_" in path.name}
+        files = [path for path in self._FOLDER.iterdir() if "fastrtps_" in path.name or "fastdds_" in path.name]
+        return {path.name for path in files if _owned(path)}
+
+
+def _owned(path: Path) -> bool:
+    try:
+        return path.stat().st_uid == os.getuid()
+    except FileNotFoundError:  # gone in the meantime
+        return False
 
 
 def _text(path: Path) -> str:
