@@ -12,7 +12,7 @@ EXTRAS := test
 VENV_OPTIONS := --system-site-packages
 endif
 
-.PHONY: demo test lint slow clean
+.PHONY: demo test lint slow benchmark clean
 
 demo: $(VENV)/ready
 	$(BIN)/python -m uw_acoustic_loc demo
@@ -32,6 +32,11 @@ $(VENV)/ready: setup.py setup.cfg Makefile
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)
 	$(BIN)/pip install --quiet --editable '.[$(EXTRAS)]'
 	touch $@
+
+benchmark:
+	test -x $(VENV)/bench/bin/python || $(PYTHON) -m venv $(VENV)/bench
+	$(VENV)/bench/bin/pip install --quiet --requirement benchmarks/requirements.txt --editable .
+	missed=0; for script in benchmarks/bench_*.py; do $(VENV)/bench/bin/python $$script || missed=1; done; exit $$missed
 
 clean:
 	rm -rf $(VENV) build install log *.egg-info

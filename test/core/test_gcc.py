@@ -86,6 +86,30 @@ def test_rmse_is_near_the_cramer_rao_bound_and_the_std_is_honest():
         assert 1 - 4 * math.sqrt(2 / 200) < normalised < 1 + 4 * math.sqrt(2 / 200)  # 4 sigma of a chi-square mean
 
 
+def test_maxima_come_in_order_and_at_the_sums_own_maxima():
+    """Each within half a grid step of the grid's own maximum."""
+    rng = np.random.default_rng(3)
+    h0, h1 = (h + 0.05 * rng.standard_normal(h.size) for h in pair(1.1e-4))
+    found = Chain()(h0, h1)
+    assert np.all(np.diff(found.heights) <= 0)
+    assert found.heights[0] == 1.0
+    for tdoa in found.tdoas:
+        near = np.abs(found.lags - tdoa) < 1e-5
+        assert tdoa == pytest.approx(found.lags[near][np.argmax(found.values[near])], abs=1.3e-6)  # half a grid step
+
+
+def test_wrong_cycles_are_rare_from_5_db_up():
+    """Each of 400 trials may be a cycle off; 1 % of the frames is the goal, and 5 dB gives almost none."""
+    n, tdoa, rng = 2000, 3e-5, np.random.default_rng(4)
+    h0, h1 = pair(tdoa)
+    chain = Chain(n)
+    part = slice(round(3e-3 * chain.splitter.rate), round((5e-3 + PULSE) * chain.splitter.rate))
+    sigma = math.sqrt(0.5 / 10**0.5 * (RATE / 2) / (HIGH - LOW))
+    noise = sigma * rng.standard_normal((400, 2, n))
+    errors = np.array([chain(h0 + w[0], h1 + w[1], chain.noise * sigma**2, part=part).tdoas[0] - tdoa for w in noise])
+    assert np.mean(np.abs(errors) > 2e-5) <= 0.01
+
+
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 def test_silence_gives_finite_numbers(weighting):
     found = Chain()(np.zeros(2000), np.zeros(2000), 1e-30, weighting)

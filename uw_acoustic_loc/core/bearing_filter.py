@@ -1,4 +1,4 @@
-"""What one ping says about the TDOA, and the filters that carry it from ping to ping.
+"""Filters that carry what pings say about the TDOA from one to the next.
 
 A filter sees one half plane: angles theta in [0, pi] from the array's +x towards the assumed side.
 """
@@ -6,67 +6,25 @@ A filter sees one half plane: angles theta in [0, pi] from the array's +x toward
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from .gcc import Correlation
-from .geometry import tdoa_of_points
-from .types import Array
+from .tdoa_likelihood import PeakLikelihood
+from .types import AnyArray, Array
 
-_OUTLIER = 0.05  # probability that no maximum of a correlation belongs to the direct path
+__all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "angle_variance"]
+
 _LOST = 1e-3  # probability per ping that the source is not where the filter has it
+_SUSPICION = 1e-4  # of the weight
 _SEARCHERS = 20
+_STEP = 0.025  # rad of motion noise, at most, that waits for the ping: a quarter of what carrier cycles lie apart
+_POOR = 0.25  # of the particles count, and they are resampled
+_LARGEST = 0.01  # variance of a range's logarithm that a resampling adds
+_TINY = 1e-9
 _BIN = math.radians(0.05)  # of the histogram; at broadside 0.35 us for 0.6 m
+_ENOUGH = 500  # particles, to tell the strongest lobe
 _LOBE = math.radians(1.5)  # half width of what belongs to one maximum; carrier cycles lie further apart
-
-
-@dataclass(frozen=True, eq=False)
-class PeakLikelihood:
-    """Likelihood of a TDOA: normal distributions around the strongest maxima of the correlation, on a uniform floor.
-
-    Shin et al. (2013), section II.2, multiply equal distributions by the correlation itself. Here each is weighted by
-    exp((height - 1) / height_variance): with white noise alone the correlation is the log-likelihood, and
-    `height_variance` adds what echoes do to the heights, so that nearly equal maxima stay nearly equal.
-    """
-
-    tdoas: Array  # (P,) ascending
-    weights: Array  # (P,) sum 1
-    std: float  # s
-    max_lag: float  # s
-
-    @classmethod
-    def of(cls, found: Correlation, std_floor: float, height_std: float, max_lag: float) -> PeakLikelihood:
-        """From a correlation; `height_std` is that of a maximum's relative height through echoes.
-
-        A maximum beyond the largest possible lag means end-fire.
-        """
-        std = math.hypot(found.std, std_floor)
-        spread = found.curvature * found.std**2 + height_std
-        order = np.argsort(found.tdoas)
-        weights = np.exp((found.heights - found.heights[0]) / spread)[order]
-        return cls(np.clip(found.tdoas[order], -max_lag, max_lag), weights / weights.sum(), std, max_lag)
-
-    @property
-    def floor(self) -> float:
-        """Density of the uniform part, 1/s."""
-        return _OUTLIER / (2.0 * self.max_lag)
-
-    def at(self, tdoas: Array) -> Array:
-        """Density in 1/s. Maxima lie many standard deviations apart, so only the nearest counts."""
-        between = (self.tdoas[1:] + self.tdoas[:-1]) / 2
-        nearest = np.searchsorted(between, tdoas)
-        off = (tdoas - self.tdoas[nearest]) / self.std
-        height = (1.0 - _OUTLIER) / (math.sqrt(2 * math.pi) * self.std) * self.weights
-        return np.asarray(height[nearest] * np.exp(-0.5 * off * off) + self.floor)
-
-    def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """(count,) TDOAs of a source that may be anywhere."""
-        choice = rng.choice(self.tdoas.size, count, p=self.weights)
-        drawn = self.tdoas[choice] + self.std * rng.standard_normal(count)
-        uniform = rng.uniform(-self.max_lag, self.max_lag, count)
-        drawn = np.where(rng.random(count) < _OUTLIER, uniform, drawn)
-        return np.clip(drawn, -self.max_lag, self.max_lag)
+_BINS = math.ceil(2.0 * math.pi / _LOBE) + 1  # half a lobe each
 
 
 class LastPeak:
@@ -123,8 +81,12 @@ class HistogramFilter:
 class ParticleFilter:
     """Positions of the source in the plane of the array, range and all (Shin et al. 2013, section II.2).
 
-    The first ping draws the cloud that weighting and resampling an endless even one would leave. The estimate is the
-    mean of the strongest lobe: the mean of the whole cloud would fall between two carrier cycles.
+    Four deviations from the paper. The motion noise is drawn when the ping is known, from what motion and ping say
+    together: the optimal importance density (Doucet, Godsill, Andrieu 2000, proposition 2). Drawn before, it would take
+    all but one in twenty particles off their maximum, and chance would decide between carrier cycles that are nearly
+    equal. Resampling goes by the roots of the weights, so that unlikely cycles keep particles. The first ping draws the
+    cloud that weighting and resampling an endless even one would leave. The estimate is the mean of the strongest lobe:
+    the mean of the whole cloud would fall between two carrier cycles.
     """
 
     def __init__(
@@ -133,70 +95,114 @@ class ParticleFilter:
         self._spacing, self._sound_speed, self._ranges, self._rng = spacing, sound_speed, ranges, rng
         self._turn = 0
         self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)))
-        self._log_weights = np.full(count, -math.log(count))
+        self._weights = np.full(count, 1.0 / count, np.float32)  # no logarithms: a ping's floor bounds their ratios
+        self._pending = self._outward = 0.0  # rad^2, of motion noise that waits for the ping, and for resampling
         self._started = False
 
     @property
     def cloud(self) -> tuple[Array, Array]:
         """Positions (2, n) and weights (n,)."""
-        return self._xy, np.exp(self._log_weights)
+        return self._xy.astype(np.float64), self._weights.astype(np.float64)
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         """The array moves by `move` and turns by `turn`; noise of `spread` rad, alike in log range."""
+        cos, sin = math.cos(turn), math.sin(turn)
         x, y = self._xy[0] - move[0], self._xy[1] - move[1]
-        noise = self._rng.standard_normal((2, x.size))
-        noise *= spread
-        noise[0] -= turn
-        cos, sin, scale = np.cos(noise[0]), np.sin(noise[0]), 1.0 + noise[1]
-        self._xy[0] = (cos * x - sin * y) * scale
-        np.abs((sin * x + cos * y) * scale, out=self._xy[1])
+        np.add(cos * x, sin * y, out=self._xy[0])
+        np.abs(cos * y - sin * x, out=self._xy[1])
+        self._outward += spread**2
+        total = self._pending + spread**2
+        self._pending = min(total, _STEP**2)
+        if total > self._pending:
+            angle = math.sqrt(total - self._pending) * self._rng.standard_normal(x.size, np.float32)
+            self._turn_by(np.tan(angle))
+            self._xy *= np.cos(angle)
 
     def update(self, likelihood: PeakLikelihood) -> None:
-        """Weighs, after resampling when fewer than half of the particles count."""
+        """Weighs, after resampling when fewer than a quarter of the particles count."""
         if not self._started:
-            self._xy = self._placed(likelihood.draw(self._log_weights.size, self._rng) / likelihood.max_lag)
+            self._xy = self._placed(likelihood.draw(self._weights.size, self._rng) / likelihood.max_lag)
             self._started = True
-            return
-        self._resample_if_poor()
-        tdoas = tdoa_of_points(self._xy, self._spacing, self._sound_speed)
-        log_weights = self._log_weights + np.log(likelihood.at(tdoas))
-        self._search(likelihood, log_weights)
-        top = log_weights.max()
-        self._log_weights = log_weights - (top + math.log(np.exp(log_weights - top).sum()))
-
-    def _search(self, likelihood: PeakLikelihood, log_weights: Array) -> None:
-        """Every 20th particle, another set each time, is placed where the ping says, should the source be lost."""
-        fresh = slice(self._turn, None, _SEARCHERS)
-        self._turn = (self._turn + 1) % min(_SEARCHERS, log_weights.size)
-        count = log_weights[fresh].size
-        self._xy[:, fresh] = self._placed(likelihood.draw(count, self._rng) / likelihood.max_lag)
-        log_weights[fresh] = math.log(_LOST / (2.0 * likelihood.max_lag * count))  # evidence of a source anywhere
+        else:
+            self._resample_if_poor()
+            self._weights *= self._follow(likelihood)
+            self._search(likelihood)
+            self._weights /= self._weights.sum()
+        self._pending = 0.0
 
     def estimate(self) -> tuple[float, float]:
         """Mean of the strongest lobe, and the mean square deviation of everything from it."""
-        theta, weights = np.arctan2(self._xy[1], self._xy[0]), np.exp(self._log_weights)
-        width = 2.0 * _LOBE
-        counts = np.bincount((theta / (width / 4)).astype(np.intp), weights)
-        lobes = np.convolve(counts, np.ones(4), "same")
-        k = int(np.argmax(lobes))
-        return _lobe(theta, weights, k * width / 4)
+        theta = np.arctan2(self._xy[1], self._xy[0])
+        some = slice(None, None, math.ceil(theta.size / _ENOUGH))  # copies lie side by side: a fair sample
+        bins = np.bincount((theta[some] * (2.0 / _LOBE)).astype(np.intp), self._weights[some], _BINS)
+        lobes = bins[:-3] + bins[1:-2] + bins[2:-1] + bins[3:]
+        mean, variance = _lobe(theta, self._weights, (int(lobes.argmax()) + 2) * _LOBE / 2.0)
+        return mean, variance + self._pending
 
-    def _placed(self, cosines: Array) -> Array:
+    def _follow(self, likelihood: PeakLikelihood) -> AnyArray:
+        """Moves each particle to where motion and ping together say; (n,) 1/s, the ping's density before that.
+
+        Per particle the prior is normal in angle and the density a normal one at the nearest maximum, on the floor.
+        A particle at which the floor is the higher one takes the ping for an outlier.
+        """
+        x, y = self._xy
+        square, cross = x * x + y * y + 0.25 * self._spacing**2, x * self._spacing
+        scale = 2.0 * self._spacing / self._sound_speed / (np.sqrt(square + cross) + np.sqrt(square - cross))
+        share, off = likelihood.nearest(x * scale)
+        least = likelihood.max_lag * math.sqrt(self._pending) + _TINY  # at end-fire
+        slope = np.maximum(y * scale, least)  # of the TDOA with the angle
+        prior = slope * slope * self._pending
+        inverse = 1.0 / (prior + likelihood.std**2)
+        peak = share * np.sqrt(inverse * (0.5 / math.pi)) * np.exp(off * off * inverse * -0.5)
+        gain = prior * inverse
+        ping = peak > likelihood.floor
+        noise = np.sqrt(np.where(ping, gain * likelihood.std**2, prior)) * self._rng.standard_normal(x.size, np.float32)
+        self._turn_by((gain * ping * off + noise) / -slope)
+        return np.asarray(peak + np.float32(likelihood.floor))
+
+    def _turn_by(self, tan: AnyArray) -> None:
+        """Turns the particles about the array and moves them out by 1 / cos: nothing, for small angles."""
+        x, y = self._xy
+        turned = np.empty_like(self._xy)
+        np.subtract(x, tan * y, out=turned[0])
+        np.abs(y + tan * x, out=turned[1])
+        self._xy = turned
+
+    def _search(self, likelihood: PeakLikelihood) -> None:
+        """Every 20th particle, another set each time, is placed where the ping says, should the source be lost."""
+        fresh = slice(self._turn, None, _SEARCHERS)
+        self._turn = (self._turn + 1) % min(_SEARCHERS, self._weights.size)
+        count = self._weights[fresh].size
+        self._xy[:, fresh] = self._placed(likelihood.draw(count, self._rng) / likelihood.max_lag)
+        self._weights[fresh] = _LOST / (2.0 * likelihood.max_lag * count)  # evidence of a source anywhere
+
+    def _placed(self, cosines: Array) -> AnyArray:
         """(2, n) even over the plane between the ranges, in given directions."""
         near, far = self._ranges
         r = np.sqrt(self._rng.uniform(near**2, far**2, cosines.size))
-        return np.stack([r * cosines, r * np.sqrt(1.0 - cosines**2)])
+        xy = np.empty((2, r.size), np.float32)
+        xy[0], xy[1] = r * cosines, r * np.sqrt(1.0 - cosines * cosines)
+        return xy
 
     def _resample_if_poor(self) -> None:
-        weights = np.exp(self._log_weights)
-        n = weights.size
-        if 1.0 / float(weights @ weights) >= n / 2:
+        """By the roots of the weights (Liu, Chen, Logvinenko 2001): of a lobe with 1 % a tenth of the particles stay.
+
+        By the weights themselves some twenty would stay, and their luck with the next pings would decide.
+        """
+        n = self._weights.size
+        if 1.0 / float(self._weights @ self._weights) >= n * _POOR:
             return
-        edges = np.floor(np.cumsum(weights) * n + self._rng.random()).astype(np.intp)
+        roots = np.sqrt(self._weights)
+        shares = np.cumsum(roots, dtype=np.float64)
+        edges = np.floor(shares * (n / shares[-1]) + self._rng.random()).astype(np.intp)
         edges[-1] = n
-        copies = np.diff(np.minimum(edges, n), prepend=0)
-        self._xy = self._xy.take(np.repeat(np.arange(n), copies), axis=1)
-        self._log_weights = np.full(n, -math.log(n))
+        kept = np.repeat(np.arange(n), np.diff(np.minimum(edges, n), prepend=0))
+        self._xy = self._xy.take(kept, axis=1)
+        width = math.sqrt(12.0 * min(self._outward, _LARGEST))
+        self._xy *= width * (self._rng.random(n, np.float32) - 0.5) + 1.0
+        self._weights = roots.take(kept)
+        self._weights /= self._weights.sum()
+        self._outward = 0.0
 
 
 def angle_variance(theta: float, cosine_std: float) -> float:
@@ -205,10 +211,16 @@ def angle_variance(theta: float, cosine_std: float) -> float:
     return (cosine_std / slope) ** 2
 
 
-def _lobe(theta: Array, weights: Array, top: float) -> tuple[float, float]:
-    inside = np.abs(theta - top) <= _LOBE
-    mean = float(weights[inside] @ theta[inside] / weights[inside].sum())
-    return mean, float(weights @ (theta - mean) ** 2)
+def _lobe(theta: AnyArray, weights: AnyArray, top: float) -> tuple[float, float]:
+    """Mean within the lobe, and the mean square deviation of everything from it.
+
+    Up to _SUSPICION elsewhere is what every ping leaves to a source that was lost, and no evidence of it.
+    """
+    inside = weights * (np.abs(theta - top) <= _LOBE)
+    share = float(inside.sum())
+    mean = float(inside @ theta) / share
+    off = theta - mean
+    return mean, float((weights if share < 1.0 - _SUSPICION else inside) @ (off * off))
 
 
 def _normalised(p: Array) -> Array:

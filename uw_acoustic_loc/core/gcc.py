@@ -6,6 +6,7 @@ rate (no filter, so no group delay), a ping's piece of it is cross-correlated on
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,7 +58,6 @@ class BandSplitter:
         skirt = _SKIRT * (high - low)
         first = np.maximum(np.ceil((low - skirt) / bin_width), 1).astype(int)
         last = np.minimum(np.floor((high + skirt) / bin_width), self.length // 2 - 1).astype(int)
-        self._slices = [slice(a, b + 1) for a, b in zip(first, last, strict=True)]
         self._count = fft.next_fast_len(int((last - first).max()) + 1)
         self.rate = self._count * bin_width
         self.base = first * bin_width
@@ -65,7 +65,11 @@ class BandSplitter:
         inside = np.minimum(freq - (low - skirt)[:, None], (high + skirt)[:, None] - freq) / (2 * skirt[:, None])
         self._shape = np.sin(0.5 * np.pi * np.clip(inside, 0.0, 1.0)) ** 2
         self.noise_width = np.square(self._shape).sum(axis=1) * bin_width
-        self._shape = (self._shape * (self._count / self.length)).astype(np.float32)[:, None, :]
+        within = np.arange(self._count) <= (last - first)[:, None]
+        self._bins = np.where(within, first[:, None] + np.arange(self._count), 0)
+        self._mirrored = -self._bins % self.length
+        scale = self._shape * within * (self._count / self.length)
+        self._shape = np.stack([scale, -1j * scale], axis=1).astype(np.complex64)
         self._fade = np.float32(0.5) - np.float32(0.5) * np.cos(np.pi * np.arange(_TAPER, dtype=np.float32) / _TAPER)
 
     def split(self, h0: AnyArray, h1: AnyArray) -> Envelopes:
@@ -77,13 +81,12 @@ class BandSplitter:
         z[:edge] *= self._fade[:edge]
         z[n - edge : n] *= self._fade[:edge][::-1]
         z = fft.fft(z, overwrite_x=True)
-        bins = np.zeros((len(self._slices), 2, self._count), np.complex64)
-        for row, s in zip(bins, self._slices, strict=True):
-            mirrored = z[self.length - s.stop + 1 : self.length - s.start + 1][::-1].conj()
-            row[0, : s.stop - s.start] = z[s] + mirrored
-            row[1, : s.stop - s.start] = (z[s] - mirrored) * np.complex64(-1j)
-        bins *= self._shape
-        values = fft.ifft(bins, axis=-1, overwrite_x=True)
+        bins, mirrored = z.take(self._bins), z.take(self._mirrored).conj()
+        both = np.empty(self._shape.shape, np.complex64)
+        np.add(bins, mirrored, out=both[:, 0])
+        np.subtract(bins, mirrored, out=both[:, 1])
+        both *= self._shape
+        values = fft.ifft(both, axis=-1, overwrite_x=True)
         return Envelopes(values[:, :, : n * self._count // self.length], self.rate)
 
 
@@ -123,60 +126,66 @@ class Correlator:
         self.lags = np.asarray(np.arange(-steps, steps + 1) * lag_step, dtype=np.float64)
         self._step = lag_step
         phase = np.outer(self._omega, self.lags)
-        self._table = np.concatenate([np.cos(phase), -np.sin(phase)]).astype(np.float32)
+        self._table = np.stack([np.cos(phase), -np.sin(phase)], axis=1).reshape(-1, self.lags.size).astype(np.float32)
+        self._omega_2, self._j_omega = self._omega**2, 1j * self._omega
+        none, one = np.zeros(self._omega.size), np.ones(self._omega.size)
+        real, imag = np.stack([one, none, self._omega_2]), np.stack([none, -self._omega, none])
+        self._moments = np.stack([real, imag], axis=-1).reshape(3, -1)  # sum, slope and bend of a turned spectrum
+        self._white = float(self._omega_2.sum())
+        self._largest_std = float(self.lags[-1]) / math.sqrt(3.0)
 
     def correlate(self, segment: Complex, noise_power: float, weighting: str, count: int) -> Correlation:
         """Correlation of a segment (2, m) in noise of a known power per envelope sample and channel."""
-        g0, g1 = fft.fft(segment, self._length, axis=-1)[:, self._bins]
-        weights = _weights(g0, g1, weighting)
-        cross = (g0 * g1.conj()) * weights
-        values = np.concatenate([cross.real, cross.imag]) @ self._table
-        tdoas, heights = self._refined(cross, self._maxima(values, count))
-        top = int(np.argmax(heights))
-        turned = np.real(cross * np.exp(1j * tdoas[top] * self._omega))
-        scale = max(float(turned.sum()), _TINY)
-        curvature = max(float(turned @ self._omega**2), _TINY)
+        padded = np.zeros((2, self._length), np.complex64)
+        padded[:, : segment.shape[1]] = segment
+        g0, g1 = fft.fft(padded, overwrite_x=True)[:, self._bins]
+        cross = g0 * g1.conj()
+        weights = None if weighting == "cc" else _weights(g0, g1, weighting)
+        weighted = cross if weights is None else (cross * weights).astype(np.complex64)
+        values = weighted.view(np.float32) @ self._table
+        tdoas, heights = self._maxima(values, count)
+        back = np.exp(tdoas[0] * self._j_omega)
+        turned = weighted * back
+        height, slope, curvature = (self._moments @ turned.view(np.float64)).tolist()
+        height, curvature = max(height, _TINY), max(curvature, _TINY)
+        tdoas[0] += min(max(slope / curvature, -self._step), self._step)  # a Newton step
         noise = noise_power * self._noise_scale * segment.shape[1]
-        std = self._std(turned, weights, noise, curvature) * float(np.sqrt(self._length / segment.shape[1]))
-        snr = float(np.sum(turned / np.maximum(weights, _TINY))) / (self._omega.size * noise)
-        order = np.argsort(-heights)
-        relative = heights[order] / max(float(heights[top]), _TINY)
-        return Correlation(self.lags, values / np.float32(scale), tdoas[order], relative, curvature / scale, std, snr)
+        std = self._std(turned.real, weights, noise, curvature) * math.sqrt(self._length / segment.shape[1])
+        signal = height if weights is None else float((cross * back).real.sum())
+        snr = signal / (self._omega.size * noise)
+        values /= np.float32(height)
+        return Correlation(self.lags, values, tdoas, heights / max(heights[0], _TINY), curvature / height, std, snr)
 
-    def _maxima(self, values: AnyArray, count: int) -> Array:
-        """(P,) lags of the strongest local maxima, compared by their parabolas: the raw grid would favour some."""
-        left, middle, right = values[:-2], values[1:-1], values[2:]
-        (k,) = np.nonzero((middle >= left) & (middle > right))
+    def _maxima(self, values: AnyArray, count: int) -> tuple[Array, Array]:
+        """(P,) lags and heights of the strongest local maxima, the strongest first.
+
+        Parabolas are compared: the raw grid would favour some maxima. They leave tens of ns, a tenth of what echoes do.
+        """
+        rise = values[1:] - values[:-1]
+        falls = rise < 0
+        k = (falls[1:] > falls[:-1]).nonzero()[0]
         if k.size == 0:
-            return np.array([self.lags[int(np.argmax(values))]])
-        bend = 2 * middle[k] - left[k] - right[k]
-        offset = (right[k] - left[k]) / (2 * bend)
-        height = middle[k] + (right[k] - left[k]) ** 2 / (8 * bend)
-        best = np.argsort(-height)[:count]
-        return np.asarray(self.lags[k[best] + 1] + offset[best] * self._step, dtype=np.float64)
+            return self.lags[[int(values.argmax())]], np.array([_TINY])
+        top = k + 1
+        up, down = rise[k], rise[top]
+        slope = up + down
+        offset = slope / (up - down)
+        heights = values[top] + 0.125 * slope * offset
+        best = heights.argsort()[: -count - 1 : -1]
+        return (self.lags[top] + (0.5 * self._step) * offset)[best], heights[best]
 
-    def _refined(self, cross: Complex, tdoas: Array) -> tuple[Array, Array]:
-        """Lags and heights after one Newton step on the exact sum; the parabola alone leaves tens of ns."""
-        phase = np.outer(tdoas, self._omega).astype(np.float32)  # 100 rad at most: rounding is worth some ps
-        cos, sin = np.cos(phase), np.sin(phase)
-        real = cos * cross.real - sin * cross.imag
-        slope = -((sin * cross.real + cos * cross.imag) @ self._omega)
-        bend = np.maximum(real @ self._omega**2, _TINY)
-        step = np.clip(slope / bend, -self._step / 2, self._step / 2)
-        return tdoas + step, real.sum(axis=1) + step * (slope - 0.5 * bend * step)
-
-    def _std(self, turned: Array, weights: AnyArray, noise: float, curvature: float) -> float:
+    def _std(self, turned: Array, weights: AnyArray | None, noise: float, curvature: float) -> float:
         """First-order error of the maximum, all bins independent; for `cc` and a flat band the Cramer-Rao bound."""
-        w2 = (weights * self._omega) ** 2
-        power = np.sum(w2 * (noise * np.maximum(turned / np.maximum(weights, _TINY), 0.0) + noise**2 / 2))
-        uniform = float(self.lags[-1]) / np.sqrt(3.0)
-        return uniform if curvature <= _TINY else float(min(np.sqrt(power) / curvature, uniform))
+        if curvature <= _TINY:
+            return self._largest_std
+        signal, white = curvature, self._white
+        if weights is not None:
+            signal, white = max(float((turned * weights) @ self._omega_2), 0.0), float(weights**2 @ self._omega_2)
+        return min(math.sqrt(noise * signal + 0.5 * noise**2 * white) / curvature, self._largest_std)
 
 
 def _weights(g0: Complex, g1: Complex, weighting: str) -> AnyArray:
     """(bins,) Knapp & Carter (1976), table 1, from spectra averaged over neighbouring bins."""
-    if weighting == "cc":
-        return np.ones(g0.size, np.float32)
     kernel = np.full(min(_SMOOTH, g0.size), 1.0 / _SMOOTH)
     cross = np.abs(np.convolve(g0 * g1.conj(), kernel, "same"))
     auto_0 = np.convolve(np.abs(g0) ** 2, kernel, "same")
