@@ -130,7 +130,7 @@ def clouds(seed: int) -> Picture:
     caption = (
         "Particles of one pinger, 24 to 26 kHz, in the half plane that the node assumes. A ping leaves one ray per "
         "carrier cycle; time settles which (Shin et al. 2013, fig. 3 and 8). Two hydrophones tell no range: where "
-        "along the ray particles are left is the chance of resampling, not a measurement."
+        "along the ray the particles lie is the prior's range, not a measurement."
     )
     return picture("The particle cloud", caption, figure)
 
