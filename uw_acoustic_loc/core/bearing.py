@@ -51,7 +51,7 @@ class BearingConfig:
     max_period: float = param(12.0, unit="s", low=2e-3, high=1000.0, doc="longest repetition that is learnt")
     learn_pings: int = param(5, low=3, high=12, doc="pings in a row that make a period")
     max_speed: float = param(5.0, unit="m/s", low=0.0, high=100.0, doc="of approach; widens the next ping's window")
-    particles: int = param(2000, low=20, high=1_000_000, doc="per source and side")
+    particles: int = param(2000, low=20, high=1_000_000, doc="at most, per source and side")
     range_min: float = param(10.0, unit="m", low=0.1, doc="of a source")
     range_max: float = param(100.0, unit="m", low=0.2, doc="of a source")
     bearing_rate_std: float = param(0.2, unit="rad/s", low=0.0, high=10.0, doc="of a source, without odometry")

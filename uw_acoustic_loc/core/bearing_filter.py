@@ -17,12 +17,14 @@ __all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "a
 _LOST = 1e-3  # probability per ping that the source is not where the filter has it
 _SUSPICION = 1e-4  # of the weight
 _SEARCHERS = 20
+_SEARCH = 4  # pings from one search to the next
+_NOISES = 1 << 16
 _STEP = 0.025  # rad of motion noise, at most, that waits for the ping: a quarter of what carrier cycles lie apart
 _POOR = 0.25  # of the particles count, and they are resampled
 _LARGEST = 0.01  # variance of a range's logarithm that a resampling adds
 _TINY = 1e-9
 _BIN = math.radians(0.05)  # of the histogram; at broadside 0.35 us for 0.6 m
-_ENOUGH = 500  # particles, to tell the strongest lobe
+_PER_DIRECTION, _LEAST = 100, 300  # particles: per half lobe with any weight, and in all
 _LOBE = math.radians(1.5)  # half width of what belongs to one maximum; carrier cycles lie further apart
 _BINS = math.ceil(2.0 * math.pi / _LOBE) + 1  # half a lobe each
 
@@ -81,19 +83,22 @@ class HistogramFilter:
 class ParticleFilter:
     """Positions of the source in the plane of the array, range and all (Shin et al. 2013, section II.2).
 
-    Four deviations from the paper. The motion noise is drawn when the ping is known, from what motion and ping say
-    together: the optimal importance density (Doucet, Godsill, Andrieu 2000, proposition 2). Drawn before, it would take
-    all but one in twenty particles off their maximum, and chance would decide between carrier cycles that are nearly
-    equal. Resampling goes by the roots of the weights, so that unlikely cycles keep particles. The first ping draws the
-    cloud that weighting and resampling an endless even one would leave. The estimate is the mean of the strongest lobe:
-    the mean of the whole cloud would fall between two carrier cycles.
+    Five deviations from the paper. The motion noise is drawn when the ping is known, from what motion and ping say
+    together: the optimal importance density (Doucet, Godsill, Andrieu 2000). Drawn before, it would take all but one in
+    twenty particles off their maximum, and chance would decide between carrier cycles that are nearly equal. Resampling
+    goes by the roots of the weights, so that unlikely cycles keep particles, and draws only as many particles as the
+    directions that are left need, as in Fox (2003). The first ping draws the cloud that weighting and resampling an
+    endless even one would leave. The estimate is the mean of the strongest lobe: the mean of the whole cloud would fall
+    between two carrier cycles.
     """
 
     def __init__(
         self, spacing: float, sound_speed: float, ranges: tuple[float, float], count: int, rng: np.random.Generator
     ) -> None:
         self._spacing, self._sound_speed, self._ranges, self._rng = spacing, sound_speed, ranges, rng
-        self._turn = 0
+        self._most = count
+        self._noises = rng.standard_normal(_NOISES, np.float32)
+        self._pings = 0
         self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)))
         self._weights = np.full(count, 1.0 / count, np.float32)  # no logarithms: a ping's floor bounds their ratios
         self._pending = self._outward = 0.0  # rad^2, of motion noise that waits for the ping, and for resampling
@@ -106,15 +111,16 @@ class ParticleFilter:
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         """The array moves by `move` and turns by `turn`; noise of `spread` rad, alike in log range."""
-        cos, sin = math.cos(turn), math.sin(turn)
-        x, y = self._xy[0] - move[0], self._xy[1] - move[1]
-        np.add(cos * x, sin * y, out=self._xy[0])
-        np.abs(cos * y - sin * x, out=self._xy[1])
+        if turn or move != (0.0, 0.0):
+            cos, sin = math.cos(turn), math.sin(turn)
+            back = np.array([[cos, sin], [-sin, cos]], np.float32)
+            self._xy = back @ (self._xy - np.array(move, np.float32)[:, None])
+            np.abs(self._xy[1], out=self._xy[1])
         self._outward += spread**2
         total = self._pending + spread**2
         self._pending = min(total, _STEP**2)
         if total > self._pending:
-            angle = math.sqrt(total - self._pending) * self._rng.standard_normal(x.size, np.float32)
+            angle = np.float32(math.sqrt(total - self._pending)) * self._noise()
             self._turn_by(np.tan(angle))
             self._xy *= np.cos(angle)
 
@@ -126,18 +132,24 @@ class ParticleFilter:
         else:
             self._resample_if_poor()
             self._weights *= self._follow(likelihood)
-            self._search(likelihood)
+            if self._pings % _SEARCH == 0:
+                self._search(likelihood)
             self._weights /= self._weights.sum()
         self._pending = 0.0
+        self._pings += 1
 
     def estimate(self) -> tuple[float, float]:
         """Mean of the strongest lobe, and the mean square deviation of everything from it."""
-        theta = np.arctan2(self._xy[1], self._xy[0])
-        some = slice(None, None, math.ceil(theta.size / _ENOUGH))  # copies lie side by side: a fair sample
-        bins = np.bincount((theta[some] * (2.0 / _LOBE)).astype(np.intp), self._weights[some], _BINS)
+        theta, bins = self._directions()
         lobes = bins[:-3] + bins[1:-2] + bins[2:-1] + bins[3:]
         mean, variance = _lobe(theta, self._weights, (int(lobes.argmax()) + 2) * _LOBE / 2.0)
         return mean, variance + self._pending
+
+    def _directions(self) -> tuple[AnyArray, Array]:
+        """(n,) angles, and the weight in each half lobe."""
+        theta = np.arctan2(self._xy[1], self._xy[0])
+        weights = np.bincount((theta * (2.0 / _LOBE)).astype(np.intp), self._weights, _BINS)
+        return theta, np.asarray(weights, dtype=np.float64)
 
     def _follow(self, likelihood: PeakLikelihood) -> AnyArray:
         """Moves each particle to where motion and ping together say; (n,) 1/s, the ping's density before that.
@@ -150,31 +162,35 @@ class ParticleFilter:
         scale = 2.0 * self._spacing / self._sound_speed / (np.sqrt(square + cross) + np.sqrt(square - cross))
         share, off = likelihood.nearest(x * scale)
         least = likelihood.max_lag * math.sqrt(self._pending) + _TINY  # at end-fire
-        slope = np.maximum(y * scale, least)  # of the TDOA with the angle
+        slope = np.maximum(y * scale, least)  # of the TDOA with the angle, downwards
         prior = slope * slope * self._pending
-        inverse = 1.0 / (prior + likelihood.std**2)
-        peak = share * np.sqrt(inverse * (0.5 / math.pi)) * np.exp(off * off * inverse * -0.5)
-        gain = prior * inverse
-        ping = peak > likelihood.floor
-        noise = np.sqrt(np.where(ping, gain * likelihood.std**2, prior)) * self._rng.standard_normal(x.size, np.float32)
-        self._turn_by((gain * ping * off + noise) / -slope)
+        both = prior + likelihood.std**2
+        peak = share / np.sqrt(both * (2.0 * math.pi)) * np.exp(off * off / (both * -2.0))
+        gain = prior / both * (peak > likelihood.floor)
+        noise = np.sqrt(prior - prior * gain) * self._noise()
+        self._turn_by((gain * off + noise) / slope)
         return np.asarray(peak + np.float32(likelihood.floor))
 
+    def _noise(self) -> AnyArray:
+        """(n,) standard normal: a stretch, from anywhere, of a long row drawn at the start."""
+        n = self._weights.size
+        begin = int(self._rng.random() * (_NOISES - n))
+        return self._noises[begin : begin + n]
+
     def _turn_by(self, tan: AnyArray) -> None:
-        """Turns the particles about the array and moves them out by 1 / cos: nothing, for small angles."""
+        """Turns the particles towards the array's +x, and moves them out by 1 / cos: nothing, for small angles."""
         x, y = self._xy
         turned = np.empty_like(self._xy)
-        np.subtract(x, tan * y, out=turned[0])
-        np.abs(y + tan * x, out=turned[1])
+        np.add(x, tan * y, out=turned[0])
+        np.abs(y - tan * x, out=turned[1])
         self._xy = turned
 
     def _search(self, likelihood: PeakLikelihood) -> None:
         """Every 20th particle, another set each time, is placed where the ping says, should the source be lost."""
-        fresh = slice(self._turn, None, _SEARCHERS)
-        self._turn = (self._turn + 1) % min(_SEARCHERS, self._weights.size)
+        fresh = slice(self._pings // _SEARCH % min(_SEARCHERS, self._weights.size), None, _SEARCHERS)
         count = self._weights[fresh].size
         self._xy[:, fresh] = self._placed(likelihood.draw(count, self._rng) / likelihood.max_lag)
-        self._weights[fresh] = _LOST / (2.0 * likelihood.max_lag * count)  # evidence of a source anywhere
+        self._weights[fresh] = _SEARCH * _LOST / (2.0 * likelihood.max_lag * count)  # evidence of a source anywhere
 
     def _placed(self, cosines: Array) -> AnyArray:
         """(2, n) even over the plane between the ranges, in given directions."""
@@ -187,16 +203,19 @@ class ParticleFilter:
     def _resample_if_poor(self) -> None:
         """By the roots of the weights (Liu, Chen, Logvinenko 2001): of a lobe with 1 % a tenth of the particles stay.
 
-        By the weights themselves some twenty would stay, and their luck with the next pings would decide.
+        By the weights themselves some twenty would stay, and their luck with the next pings would decide. A hundred
+        particles for each direction with any weight, up to the configured number, know the bearing as well as more do.
         """
-        n = self._weights.size
-        if 1.0 / float(self._weights @ self._weights) >= n * _POOR:
+        if 1.0 / float(self._weights @ self._weights) >= self._weights.size * _POOR:
             return
+        occupied = int(np.count_nonzero(self._directions()[1] > _SUSPICION))
+        n = min(self._most, max(_LEAST, _PER_DIRECTION * occupied))
         roots = np.sqrt(self._weights)
         shares = np.cumsum(roots, dtype=np.float64)
-        edges = np.floor(shares * (n / shares[-1]) + self._rng.random()).astype(np.intp)
-        edges[-1] = n
-        kept = np.repeat(np.arange(n), np.diff(np.minimum(edges, n), prepend=0))
+        counts = (shares * (n / shares[-1]) + self._rng.random()).astype(np.intp)
+        counts[-1] = n
+        counts[1:] -= counts[:-1].copy()
+        kept = np.repeat(np.arange(shares.size), counts)
         self._xy = self._xy.take(kept, axis=1)
         width = math.sqrt(12.0 * min(self._outward, _LARGEST))
         self._xy *= width * (self._rng.random(n, np.float32) - 0.5) + 1.0

@@ -7,8 +7,10 @@ rate (no filter, so no group delay), a ping's piece of it is cross-correlated on
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,8 @@ from .types import AnyArray, Array
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
-WEIGHTINGS = ("cc", "phat", "scot", "roth", "ml")
-OVERSAMPLING = 4  # lags per sample; at 40 kHz of 100 kHz, ten per carrier cycle
+WEIGHTINGS = ("cc", "phat", "scot", "roth", "eckart", "ml")
+_LAGS_PER_CYCLE = 10  # of the highest frequency in the band
 _EDGE = 4  # grid steps beyond the array's largest lag, where the maximum of a source at end-fire may lie
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
 _SMOOTH = 5  # bins over which spectra are averaged before they become weights: a single bin has no coherence
@@ -38,7 +40,8 @@ class Envelopes:
 class BandSplitter:
     """Splits blocks of up to `length` samples into bands with soft edges: hard ones make a click ring like a ping.
 
-    `base` (B,) is the frequency that 0 Hz of an envelope stands for, `noise_width` (B,) the width of white noise in it.
+    `bands` (B, 2) are their edges, `base` (B,) is the frequency that 0 Hz of an envelope stands for, `noise_width` (B,)
+    the width of white noise in it.
 
     Raises:
         ValueError: a band that is empty or reaches beyond half the sample rate.
@@ -58,6 +61,7 @@ class BandSplitter:
         skirt = _SKIRT * (high - low)
         first = np.maximum(np.ceil((low - skirt) / bin_width), 1).astype(int)
         last = np.minimum(np.floor((high + skirt) / bin_width), self.length // 2 - 1).astype(int)
+        self.bands = np.stack([low, high], axis=1)
         self._count = fft.next_fast_len(int((last - first).max()) + 1)
         self.rate = self._count * bin_width
         self.base = first * bin_width
@@ -66,10 +70,10 @@ class BandSplitter:
         self._shape = np.sin(0.5 * np.pi * np.clip(inside, 0.0, 1.0)) ** 2
         self.noise_width = np.square(self._shape).sum(axis=1) * bin_width
         within = np.arange(self._count) <= (last - first)[:, None]
-        self._bins = np.where(within, first[:, None] + np.arange(self._count), 0)
-        self._mirrored = -self._bins % self.length
+        bins = np.where(within, first[:, None] + np.arange(self._count), 0)
+        self._bins = np.stack([bins, -bins % self.length])
         scale = self._shape * within * (self._count / self.length)
-        self._shape = np.stack([scale, -1j * scale], axis=1).astype(np.complex64)
+        self._shape = np.stack([scale, -1j * scale]).astype(np.complex64)
         self._fade = np.float32(0.5) - np.float32(0.5) * np.cos(np.pi * np.arange(_TAPER, dtype=np.float32) / _TAPER)
 
     def split(self, h0: AnyArray, h1: AnyArray) -> Envelopes:
@@ -81,107 +85,159 @@ class BandSplitter:
         z[:edge] *= self._fade[:edge]
         z[n - edge : n] *= self._fade[:edge][::-1]
         z = fft.fft(z, overwrite_x=True)
-        bins, mirrored = z.take(self._bins), z.take(self._mirrored).conj()
+        bins, mirrored = z.take(self._bins)
+        np.conj(mirrored, out=mirrored)
         both = np.empty(self._shape.shape, np.complex64)
-        np.add(bins, mirrored, out=both[:, 0])
-        np.subtract(bins, mirrored, out=both[:, 1])
+        np.add(bins, mirrored, out=both[0])
+        np.subtract(bins, mirrored, out=both[1])
         both *= self._shape
-        values = fft.ifft(both, axis=-1, overwrite_x=True)
+        values = fft.ifft(both, axis=-1, overwrite_x=True).swapaxes(0, 1)
         return Envelopes(values[:, :, : n * self._count // self.length], self.rate)
 
 
-@dataclass(frozen=True, eq=False)
-class Correlation:
+class Correlation(NamedTuple):
     """Correlation over the possible lags and its strongest local maxima, the strongest first."""
 
     lags: Array  # (L,) s, uniform
-    values: AnyArray  # (L,) scaled so that the strongest maximum is 1
+    values: AnyArray  # (L,) not scaled
     tdoas: Array  # (P,) s
-    heights: Array  # (P,) of the maxima, scaled alike
-    curvature: float  # 1/s^2, minus the second derivative of `values` at the strongest maximum
+    heights: Array  # (P,) of the maxima; the strongest is 1
+    curvature: float  # 1/s^2, minus the second derivative at the strongest maximum of height 1
     std: float  # s, of the strongest maximum, provided that it is the true one
     snr: float  # in-band signal to noise power over the segment
 
 
-class Correlator:
-    """Correlates segments of one band's envelopes, of up to `length` samples at `rate`."""
+class Piece(NamedTuple):
+    """What a ping left in the envelopes of its band."""
 
-    def __init__(
-        self,
-        band: tuple[float, float],
-        base: float,
-        noise_width: float,
-        rate: float,
-        length: int,
-        max_lag: float,
-        lag_step: float,
-    ) -> None:
+    band: int
+    samples: Complex  # (2, m)
+    noise_power: float  # per sample and channel
+
+
+class Correlator:
+    """Correlates pieces of up to `length` samples of a splitter's envelopes; those of one block all at once."""
+
+    def __init__(self, splitter: BandSplitter, length: int, max_lag: float) -> None:
         self._length = fft.next_fast_len(length)
-        freq = base + np.arange(self._length) * (rate / self._length)
-        first, last = np.searchsorted(freq, band)
-        self._bins = slice(int(first), int(max(last, first + 1)))
-        self._omega = 2 * np.pi * freq[self._bins]
-        self._noise_scale = rate / noise_width  # of the noise in a bin, per envelope power and sample
-        steps = int(np.ceil(max_lag / lag_step)) + _EDGE
-        self.lags = np.asarray(np.arange(-steps, steps + 1) * lag_step, dtype=np.float64)
-        self._step = lag_step
-        phase = np.outer(self._omega, self.lags)
-        self._table = np.stack([np.cos(phase), -np.sin(phase)], axis=1).reshape(-1, self.lags.size).astype(np.float32)
-        self._omega_2, self._j_omega = self._omega**2, 1j * self._omega
-        none, one = np.zeros(self._omega.size), np.ones(self._omega.size)
-        real, imag = np.stack([one, none, self._omega_2]), np.stack([none, -self._omega, none])
-        self._moments = np.stack([real, imag], axis=-1).reshape(3, -1)  # sum, slope and bend of a turned spectrum
-        self._white = float(self._omega_2.sum())
+        freq = splitter.base[:, None] + np.arange(self._length) * (splitter.rate / self._length)
+        first, last = np.array([np.searchsorted(f, band) for f, band in zip(freq, splitter.bands, strict=True)]).T
+        last = np.maximum(last, first + 1)
+        self._bins = slice(int(first.min()), int(last.max()))
+        k = np.arange(self._length)[self._bins]
+        self._inside = ((k >= first[:, None]) & (k < last[:, None])).astype(np.float32)
+        self._omega = np.asarray(2 * np.pi * freq[:, self._bins], dtype=np.float32)
+        self._omega_2 = np.square(self._omega, dtype=np.float64) * self._inside
+        self._noise_scale = (splitter.rate / splitter.noise_width).tolist()  # of a bin's, per envelope power and sample
+        self._count, self._white = self._inside.sum(axis=1).tolist(), self._omega_2.sum(axis=1).tolist()
+        self._step = 1.0 / (_LAGS_PER_CYCLE * float(splitter.bands.max()))
+        steps = math.ceil(max_lag / self._step) + _EDGE
+        self.lags = np.asarray(np.arange(-steps, steps + 1) * self._step, dtype=np.float64)
+        self._tables, self._moments = self._lag_tables(), self._moment_tables()
         self._largest_std = float(self.lags[-1]) / math.sqrt(3.0)
 
-    def correlate(self, segment: Complex, noise_power: float, weighting: str, count: int) -> Correlation:
-        """Correlation of a segment (2, m) in noise of a known power per envelope sample and channel."""
-        padded = np.zeros((2, self._length), np.complex64)
-        padded[:, : segment.shape[1]] = segment
-        g0, g1 = fft.fft(padded, overwrite_x=True)[:, self._bins]
-        cross = g0 * g1.conj()
-        weights = None if weighting == "cc" else _weights(g0, g1, weighting)
-        weighted = cross if weights is None else (cross * weights).astype(np.complex64)
-        values = weighted.view(np.float32) @ self._table
-        tdoas, heights = self._maxima(values, count)
-        back = np.exp(tdoas[0] * self._j_omega)
-        turned = weighted * back
-        height, slope, curvature = (self._moments @ turned.view(np.float64)).tolist()
-        height, curvature = max(height, _TINY), max(curvature, _TINY)
-        tdoas[0] += min(max(slope / curvature, -self._step), self._step)  # a Newton step
-        noise = noise_power * self._noise_scale * segment.shape[1]
-        std = self._std(turned.real, weights, noise, curvature) * math.sqrt(self._length / segment.shape[1])
-        signal = height if weights is None else float((cross * back).real.sum())
-        snr = signal / (self._omega.size * noise)
-        values /= np.float32(height)
-        return Correlation(self.lags, values, tdoas, heights / max(heights[0], _TINY), curvature / height, std, snr)
+    def _lag_tables(self) -> AnyArray:
+        """(B, 2 bins, L) that turn a spectrum, real and imaginary parts in turn, into its correlation."""
+        phase = self._omega.astype(np.float64)[:, :, None] * self.lags
+        table = np.stack([np.cos(phase), -np.sin(phase)], axis=2) * self._inside[:, :, None, None]
+        return np.asarray(table.reshape(len(phase), -1, self.lags.size), dtype=np.float32)
 
-    def _maxima(self, values: AnyArray, count: int) -> tuple[Array, Array]:
-        """(P,) lags and heights of the strongest local maxima, the strongest first.
+    def _moment_tables(self) -> AnyArray:
+        """(B, 3, 2 bins) that turn a spectrum into its correlation at lag 0, slope and minus the bend there."""
+        none, omega = np.zeros(self._omega.shape), self._omega * self._inside
+        real = np.stack([self._inside, none, self._omega_2], axis=1)
+        imag = np.stack([none, -omega, none], axis=1)
+        return np.stack([real, imag], axis=-1).reshape(len(omega), 3, -1).astype(np.float32)
+
+    def correlate(self, pieces: Sequence[Piece], weighting: str, count: int) -> list[Correlation]:
+        """With up to `count` maxima each."""
+        g: Complex = np.zeros((len(pieces), 2, self._length), np.complex64)
+        for row, piece in zip(g, pieces, strict=True):
+            row[:, : piece.samples.shape[1]] = piece.samples
+        g = fft.fft(g, overwrite_x=True)[:, :, self._bins]
+        cross: Complex = g[:, 0] * g[:, 1].conj()
+        weights = None if weighting == "cc" else np.stack([_weights(h0, h1, weighting) for h0, h1 in g])
+        weighted = cross if weights is None else np.asarray(cross * weights, dtype=np.complex64)
+        values = np.empty((len(pieces), self.lags.size), np.float32)
+        for piece, spectrum, row in zip(pieces, weighted, values, strict=True):
+            np.dot(spectrum.view(np.float32), self._tables[piece.band], out=row)
+        maxima = self._maxima(values, count)
+        bands = [piece.band for piece in pieces]
+        back = _phasors(self._omega.take(bands, axis=0) * np.array([[tdoas[0]] for tdoas, _ in maxima], np.float32))
+        turned = weighted * back
+        moments = (self._moments.take(bands, axis=0) @ turned.view(np.float32)[:, :, None])[:, :, 0].tolist()
+        powers = [None] * len(pieces) if weights is None else self._powers(bands, cross * back, weights)
+        parts = zip(pieces, values, maxima, moments, powers, strict=True)
+        return [self._refined(*part) for part in parts]
+
+    def _powers(self, bands: list[int], aligned: Complex, weights: AnyArray) -> list[list[float]]:
+        """Per piece what `_refined` needs when bins are weighted: signal and noise in the slope, signal in the band."""
+        inside, omega_2 = self._inside.take(bands, axis=0), self._omega_2.take(bands, axis=0)
+        white = weights**2 * omega_2
+        parts = (aligned.real * white, white, aligned.real * inside)
+        found: list[list[float]] = np.stack([part.sum(axis=1, dtype=np.float64) for part in parts], axis=1).tolist()
+        return found
+
+    def _maxima(self, values: AnyArray, count: int) -> list[tuple[Array, Array]]:
+        """Per row (P,) lags and heights of the strongest local maxima, the strongest first.
 
         Parabolas are compared: the raw grid would favour some maxima. They leave tens of ns, a tenth of what echoes do.
         """
-        rise = values[1:] - values[:-1]
+        flat, width = values.ravel(), self.lags.size
+        rise = flat[1:] - flat[:-1]
         falls = rise < 0
-        k = (falls[1:] > falls[:-1]).nonzero()[0]
-        if k.size == 0:
-            return self.lags[[int(values.argmax())]], np.array([_TINY])
-        top = k + 1
-        up, down = rise[k], rise[top]
+        top = (falls[1:] > falls[:-1]).nonzero()[0] + 1
+        column = top % width
+        inner = (column > 0) & (column < width - 1)  # not where rows meet
+        top, column = top[inner], column[inner]
+        up, down = rise.take(top - 1), rise.take(top)
         slope = up + down
         offset = slope / (up - down)
-        heights = values[top] + 0.125 * slope * offset
-        best = heights.argsort()[: -count - 1 : -1]
-        return (self.lags[top] + (0.5 * self._step) * offset)[best], heights[best]
+        heights = flat.take(top) + 0.125 * slope * offset
+        tdoas = self.lags.take(column) + (0.5 * self._step) * offset
+        ends = top.searchsorted(np.arange(0, flat.size + 1, width)).tolist()
+        found = []
+        for row, (a, b) in zip(values, pairwise(ends), strict=True):
+            best = heights[a:b].argsort()[: -count - 1 : -1] + a
+            found.append((tdoas.take(best), heights.take(best)) if a < b else self._edge(row))
+        return found
 
-    def _std(self, turned: Array, weights: AnyArray | None, noise: float, curvature: float) -> float:
+    def _edge(self, values: AnyArray) -> tuple[Array, Array]:
+        """What stands for the maxima of a correlation that has none."""
+        return self.lags[[int(values.argmax())]], np.ones(1)
+
+    def _refined(
+        self,
+        piece: Piece,
+        values: AnyArray,
+        maxima: tuple[Array, Array],
+        moments: list[float],
+        powers: list[float] | None,
+    ) -> Correlation:
+        """The strongest maximum by a Newton step, its standard deviation, and the signal to noise ratio."""
+        (tdoas, heights), (height, slope, curvature) = maxima, moments
+        height, curvature = max(height, _TINY), max(curvature, _TINY)
+        tdoas[0] += min(max(slope / curvature, -self._step), self._step)
+        signal, white, level = powers or (curvature, self._white[piece.band], height)
+        m = piece.samples.shape[1]
+        noise = piece.noise_power * self._noise_scale[piece.band] * m
+        std = self._std(noise, max(signal, 0.0), white, curvature) * math.sqrt(self._length / m)
+        snr = level / (self._count[piece.band] * noise)
+        return Correlation(self.lags, values, tdoas, heights / heights[0], curvature / height, std, snr)
+
+    def _std(self, noise: float, signal: float, white: float, curvature: float) -> float:
         """First-order error of the maximum, all bins independent; for `cc` and a flat band the Cramer-Rao bound."""
         if curvature <= _TINY:
             return self._largest_std
-        signal, white = curvature, self._white
-        if weights is not None:
-            signal, white = max(float((turned * weights) @ self._omega_2), 0.0), float(weights**2 @ self._omega_2)
         return min(math.sqrt(noise * signal + 0.5 * noise**2 * white) / curvature, self._largest_std)
+
+
+def _phasors(phase: AnyArray) -> Complex:
+    """exp(1j phase) of float32 phases, which costs some ps of lag."""
+    found = np.empty(phase.shape, np.complex64)
+    np.cos(phase, out=found.real)
+    np.sin(phase, out=found.imag)
+    return found
 
 
 def _weights(g0: Complex, g1: Complex, weighting: str) -> AnyArray:
@@ -197,6 +253,10 @@ def _weights(g0: Complex, g1: Complex, weighting: str) -> AnyArray:
         return np.asarray(1.0 / (np.sqrt(auto_0 * auto_1) + tiny))
     if weighting == "roth":
         return np.asarray(1.0 / (auto_0 + tiny))
+    if weighting == "eckart":
+        least = 0.0005  # of the spectrum is noise at least: coherence 0.999
+        noise_0, noise_1 = (np.maximum(auto - cross, least * auto + tiny) for auto in (auto_0, auto_1))
+        return np.asarray(cross / (noise_0 * noise_1))
     if weighting == "ml":
         coherence = np.minimum(cross**2 / (auto_0 * auto_1 + tiny**2), 0.999)
         return np.asarray(coherence / ((cross + tiny) * (1.0 - coherence)))

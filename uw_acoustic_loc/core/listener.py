@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .clicks import click_block, limit_clicks
-from .gcc import OVERSAMPLING, BandSplitter, Correlation, Correlator, Envelopes
+from .gcc import BandSplitter, Correlation, Correlator, Envelopes, Piece
 from .ping import DB, FrameJoiner, Ping, PingDetector, log_energies
 from .ping_schedule import PingSchedule, Timing
 from .types import AnyArray, HydrophoneInfo, Samples
@@ -110,29 +110,28 @@ class Listener:
             self._plan()
         envelopes = self._splitter.split(self._pressure(0, block.h0), self._pressure(1, block.h1))
         energies = log_energies(envelopes)
+        pings, pieces = [], []
         for source, ear in enumerate(self.ears):
             for ping in ear.pings(energies[source], envelopes.rate, block.t_ns, threshold_db):
-                yield self._heard(source, ping, envelopes, weighting, peaks)
+                pings.append(ping)
+                pieces.append(self._piece(source, ping, envelopes))
+        found = self._correlator.correlate(pieces, weighting, peaks) if pieces else ()
+        for ping, piece, correlation in zip(pings, pieces, found, strict=True):
+            snr = max(correlation.snr * piece.samples.shape[1] / (self._pulse * envelopes.rate), 1e-30)
+            yield Heard(piece.band, ping.t_ns, correlation, DB * math.log(snr))
 
-    def _heard(self, source: int, ping: Ping, envelopes: Envelopes, weighting: str, peaks: int) -> Heard:
-        """The correlation ends with the ping: what comes later is echo."""
+    def _piece(self, source: int, ping: Ping, envelopes: Envelopes) -> Piece:
+        """It ends with the ping: what comes later is echo."""
         pulse = round(self._pulse * envelopes.rate)
         guard = round(_GUARD * pulse)
-        segment = envelopes.values[source][:, max(0, ping.start - guard) : ping.start + pulse + guard]
-        noise = self.ears[source].detector.noise_power
-        found = self._correlators[source].correlate(segment, noise, weighting, peaks)
-        snr = max(found.snr * segment.shape[1] / pulse, 1e-30)
-        return Heard(source, ping.t_ns, found, DB * math.log(snr))
+        samples = envelopes.values[source][:, max(0, ping.start - guard) : ping.start + pulse + guard]
+        return Piece(source, samples, self.ears[source].detector.noise_power)
 
     def _plan(self) -> None:
         low, high = np.array(self._bands).T
         self._splitter = BandSplitter(self._info.sample_rate, low, high, self._length)
-        rate, step = self._splitter.rate, 1.0 / (OVERSAMPLING * self._info.sample_rate)
-        length = math.ceil((1.0 + 2.0 * _GUARD) * self._pulse * rate) + 2
-        self._correlators = [
-            Correlator(band, float(base), float(width), rate, length, self._max_lag, step)
-            for band, base, width in zip(self._bands, self._splitter.base, self._splitter.noise_width, strict=True)
-        ]
+        length = math.ceil((1.0 + 2.0 * _GUARD) * self._pulse * self._splitter.rate) + 2
+        self._correlator = Correlator(self._splitter, length, self._max_lag)
 
     def _pressure(self, channel: int, samples: AnyArray) -> AnyArray:
         """Pa, without clicks."""
