@@ -22,6 +22,7 @@ from ..wiring import DriverWiring, Wiring, upstream_first, wire
 from .command_line import command_line, recorder_node
 from .processes import USER_ERROR, NodeProcess, SharedMemory
 from .sync import SyncClient, behind, outstanding, unmatched
+from .types import clock_message
 
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
 _DRAIN_S = 30.0
@@ -144,7 +145,7 @@ class Launcher:
 
     def _tick(self, now: float) -> None:
         now = min(now, self._run.duration) if self._run.duration else now
-        self._clock.publish(_clock(self._start_ns + round(now * 1e9)))
+        self._clock.publish(clock_message(self._start_ns + round(now * 1e9)))
 
     def _wait_for_books(self, now: float) -> None:
         """Until the drivers have published up to `now` and everybody has taken what was sent: inputs of a node are
@@ -219,9 +220,3 @@ def _ordered(wirings: Sequence[Wiring]) -> set[str]:
 def _start_ns(wirings: Sequence[Wiring]) -> int:
     starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, DriverWiring)}
     return min(starts) if starts else time.time_ns()
-
-
-def _clock(t_ns: int) -> Clock:
-    message = Clock()
-    message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
-    return message

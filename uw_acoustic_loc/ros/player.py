@@ -24,7 +24,7 @@ from ..config import build, param
 from .parameters import declare, given_parameters
 from .spin import Stop
 from .sync import Reports, SyncClient, outstanding, unmatched
-from .types import message_class, subscriber_qos
+from .types import clock_message, message_class, subscriber_qos
 
 _WINDOW = 200  # messages outstanding at most: well below the readers' depth
 _WINDOW_NS = 250_000_000  # and no more of the bag's time: half of what inputs wait for each other
@@ -94,7 +94,7 @@ class PlayerNode:
             for record in window:
                 self._publishers[record.topic].publish(record.data)
                 self._sent[record.topic] += 1
-            self._clock.publish(_clock(window[-1].t_ns))
+            self._clock.publish(clock_message(window[-1].t_ns))
             self._await(self._outstanding, "messages were not processed")
             yield 0.0
         for damage in self._bag.damage:
@@ -135,9 +135,3 @@ def _windows(records: Iterator[Record]) -> Iterator[list[Record]]:
         window.append(record)
     if window:
         yield window
-
-
-def _clock(t_ns: int) -> Clock:
-    message = Clock()
-    message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
-    return message

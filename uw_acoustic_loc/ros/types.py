@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 
 # A subscriber is allowed to fall this far behind before it loses messages; a publisher keeps 10.
 READER_DEPTH = 1000
@@ -25,6 +26,13 @@ def message_class(msgtype: str) -> Any:
         return getattr(import_module(f"{package}.{kind}"), name)
     except (ImportError, AttributeError):
         raise ValueError(f"message type {msgtype} is not installed") from None
+
+
+def clock_message(t_ns: int) -> Clock:
+    """An instant for /clock."""
+    message = Clock()
+    message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+    return message
 
 
 class RosMake:
