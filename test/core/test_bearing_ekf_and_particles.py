@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.bearing_ekf import BearingEkf, range_bank, single_start
-from uw_acoustic_loc.core.bearing_particles import NOISES, BearingParticles, draw_errors, log_likelihood
+from uw_acoustic_loc.core.bearing_noise import NOISES, draw_errors, log_likelihood
+from uw_acoustic_loc.core.bearing_particles import BearingParticles
 from uw_acoustic_loc.core.geometry import wrap_angles
 from uw_acoustic_loc.core.triangulation import Drift, Ray
 

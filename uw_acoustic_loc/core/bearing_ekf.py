@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .geometry import wrap_angle, wrap_angles
+from .geometry import wrap_angle
+from .log_polar import bearing_moments, cartesian, corrected, seen_from
 from .triangulation import Drift, Fix, Ray
-from .types import Array
+from .types import AnyArray, Array
 
-_Members = tuple[NDArray[np.complex128], Array, Array, Array]  # log range + i bearing; their variances and covariance
+
+class Member(NamedTuple):
+    """One EKF of the bank: offset from the observer, error (`log_polar`) and log weight."""
+
+    line: complex
+    g: float
+    q: complex
+    log_weight: float
 
 
 class BearingEkf:
     """A Gaussian mixture, each member an EKF, weighted by its likelihood.
 
-    The state of a member is zeta = log range + i bearing, seen from where the last bearing was heard. With known motion
-    this is the relative position of eq. 3-12 in the coordinates of Aidala and Hammel (1983): a bearing is linear in
-    them, a drift of the heading adds to the bearing alone, and what is known of the range is not mistaken for what is
-    known of the bearing, as x and y do after many noisy steps. `process_noise` (m per sqrt(s)) is how fast the
-    position may wander in the frame.
+    With known motion the state is the relative position of eq. 3-12 in the coordinates of Aidala and Hammel (1983): a
+    bearing is linear in them, a drift of the heading adds to the bearing alone, and what is known of the range is not
+    mistaken for what is known of the bearing, as x and y do after many noisy steps. `process_noise` (m per sqrt(s)) is
+    how fast the position may wander in the frame. The members are few, so plain numbers are faster than arrays.
     """
 
     def __init__(self, origin: Array, means: Array, covs: Array, process_noise: float = 0.0) -> None:
@@ -29,84 +38,45 @@ class BearingEkf:
         if means.ndim != 2 or means.shape[1] != 2 or covs.shape != (len(means), 2, 2):
             raise ValueError(f"means must be (K, 2) and covs (K, 2, 2), got {means.shape} and {covs.shape}")
         self._origin = complex(*origin)
-        self._members: _Members = (means[:, 0] + 1j * means[:, 1], covs[:, 0, 0], covs[:, 1, 1], covs[:, 0, 1])
-        self._log_weight = np.full(len(means), -math.log(len(means)))
+        self._members = [_member(mean, cov, -math.log(len(means))) for mean, cov in zip(means, covs, strict=True)]
         self._process_noise = process_noise
 
     def predict(self, duration: float, drift: Drift) -> None:
         """Lets the position wander for a duration in s, and turn about the vehicle."""
         if drift.variance:
-            self._move(drift.x, drift.y)
-        zeta, ranges, bearings, mixed = self._members
-        wander = self._process_noise**2 * duration * np.exp(-2 * zeta.real)
-        self._members = zeta, ranges + wander, bearings + wander + drift.variance, mixed
+            self._move(complex(drift.x, drift.y))
+        wander, turn = 2 * self._process_noise**2 * duration, drift.variance
+        self._members = [Member(p, g + wander / abs(p) ** 2 + turn, q - turn, w) for p, g, q, w in self._members]
 
     def update(self, ray: Ray) -> None:
-        """Corrects every member and its weight (eq. 8-12); a correlated bearing counts with its share."""
-        self._move(ray.x, ray.y)
-        zeta, ranges, bearings, mixed = self._members
-        error = wrap_angles(ray.bearing - zeta.imag)
-        S = bearings + ray.std**2 / ray.weight
-        zeta = zeta + (mixed + 1j * bearings) / S * error
-        self._members = (
-            zeta,
-            ranges - mixed * mixed / S,
-            bearings - bearings * bearings / S,
-            mixed - mixed * bearings / S,
-        )
-        self._reweigh(self._log_weight - 0.5 * (error * error / S + np.log(S)))
+        """Corrects every member and its weight; a correlated bearing counts with its share."""
+        self._move(complex(ray.x, ray.y))
+        toward, variance = cmath.rect(1.0, ray.bearing), ray.std**2 / ray.weight
+        self._members = _normalised([_updated(member, toward, variance) for member in self._members])
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
-        zeta, _, bearings, _ = self._seen_from(complex(x, y))
-        weight = np.exp(self._log_weight)
-        centre = float(zeta.imag[int(np.argmax(weight))])
-        spread = wrap_angles(zeta.imag - centre)
-        mean = float(weight @ spread)
-        return wrap_angle(centre + mean), float(weight @ (bearings + (spread - mean) ** 2))
+        line, g, q, weight = _columns(self._seen_from(complex(x, y)))
+        mean, variance = bearing_moments(weight, line, (g - q.real) / 2)
+        return wrap_angle(mean), variance
 
     def estimate(self) -> Fix:
-        """Mean and covariance of the mixture in x and y, exact for Gaussian members: E exp(a zeta) in closed form."""
-        zeta, ranges, bearings, mixed = self._members
-        weight = np.exp(self._log_weight)
-        mean = complex(weight @ np.exp(zeta + (ranges - bearings) / 2 + 1j * mixed))
-        square = complex(weight @ np.exp(2 * zeta + 2 * (ranges - bearings) + 4j * mixed)) - mean**2
-        length = float(weight @ np.exp(2 * zeta.real + 2 * ranges)) - abs(mean) ** 2
-        cov = np.array([[length + square.real, square.imag], [square.imag, length - square.real]]) / 2
-        position = self._origin + mean
-        return Fix(np.array([position.real, position.imag]), cov)
+        """Mean and covariance of the mixture in x and y."""
+        line, g, q, weight = _columns(self._members)
+        fix = cartesian(weight, line, g, q)
+        return Fix(fix.mean + np.array([self._origin.real, self._origin.imag]), fix.cov)
 
     @property
     def members(self) -> int:
         """How many range hypotheses live."""
-        return self._log_weight.size
+        return len(self._members)
 
-    def _move(self, x: float, y: float) -> None:
-        self._members, self._origin = self._seen_from(complex(x, y)), complex(x, y)
+    def _move(self, point: complex) -> None:
+        self._members, self._origin = self._seen_from(point), point
 
-    def _seen_from(self, point: complex) -> _Members:
-        """The members from another point. d zeta' = c d zeta with one complex factor c: a turn and a stretch."""
-        zeta, ranges, bearings, mixed = self._members
-        line = np.exp(zeta)
-        moved = line + self._origin - point
-        moved = np.where(np.abs(moved) < _NEAREST, _NEAREST, moved)
-        c = line / moved
-        a, b = c.real, c.imag
-        return (
-            np.log(moved),
-            a * a * ranges - 2 * a * b * mixed + b * b * bearings,
-            b * b * ranges + 2 * a * b * mixed + a * a * bearings,
-            a * b * (ranges - bearings) + (a * a - b * b) * mixed,
-        )
-
-    def _reweigh(self, log_weight: Array) -> None:
-        log_weight = log_weight - log_weight.max()
-        keep = log_weight > _PRUNED
-        if not keep.all():
-            zeta, ranges, bearings, mixed = self._members
-            self._members = zeta[keep], ranges[keep], bearings[keep], mixed[keep]
-            log_weight = log_weight[keep]
-        self._log_weight = log_weight - math.log(float(np.exp(log_weight).sum()))
+    def _seen_from(self, point: complex) -> list[Member]:
+        shift = self._origin - point
+        return [Member(*seen_from(p, g, q, clear(p, shift)), w) for p, g, q, w in self._members]
 
 
 def range_bank(ray: Ray, range_min: float, range_max: float, process_noise: float = 0.0) -> BearingEkf:
@@ -114,13 +84,19 @@ def range_bank(ray: Ray, range_min: float, range_max: float, process_noise: floa
 
     Each has the mean and variance of a log range uniform in its interval.
     """
+    log_ranges, variance = range_intervals(range_min, range_max)
+    means = np.stack([log_ranges, np.full(log_ranges.size, ray.bearing)], axis=1)
+    covs = np.tile(np.diag([variance, ray.std**2 / ray.weight]), (log_ranges.size, 1, 1))
+    return BearingEkf(np.array([ray.x, ray.y]), means, covs, process_noise)
+
+
+def range_intervals(range_min: float, range_max: float) -> tuple[Array, float]:
+    """Means of the log range in intervals of equal ratio, and its variance in each."""
     if not 0 < range_min < range_max:
         raise ValueError(f"range_min must be above 0 and below range_max, got {range_min:g} and {range_max:g}")
     count = math.ceil(math.log(range_max / range_min) / math.log(_RATIO))
     edges = np.linspace(math.log(range_min), math.log(range_max), count + 1)
-    means = np.stack([(edges[1:] + edges[:-1]) / 2, np.full(count, ray.bearing)], axis=1)
-    covs = np.tile(np.diag([(edges[1] - edges[0]) ** 2 / 12, ray.std**2 / ray.weight]), (count, 1, 1))
-    return BearingEkf(np.array([ray.x, ray.y]), means, covs, process_noise)
+    return (edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]) ** 2 / 12
 
 
 def single_start(origin: Array, mean: Array, cov: Array) -> BearingEkf:
@@ -131,6 +107,35 @@ def single_start(origin: Array, mean: Array, cov: Array) -> BearingEkf:
     return BearingEkf(origin, np.array([[math.log(squared) / 2, math.atan2(dy, dx)]]), (J @ cov @ J.T)[None])
 
 
+def clear(line: complex, shift: complex) -> complex:
+    """The shift, but for a source that would come to lie at the observer itself."""
+    return shift if abs(line + shift) > NEAREST else NEAREST - line
+
+
+def _member(mean: Array, cov: Array, log_weight: float) -> Member:
+    ranges, bearings, mixed = float(cov[0, 0]), float(cov[1, 1]), float(cov[0, 1])
+    line = cmath.exp(complex(mean[0], mean[1]))
+    return Member(line, ranges + bearings, complex(ranges - bearings, 2 * mixed), log_weight)
+
+
+def _updated(member: Member, toward: complex, variance: float) -> Member:
+    line, g, q, error, S = corrected(*member[:3], toward, variance, cmath.exp, cmath.phase)
+    return Member(line, g, q, member.log_weight - 0.5 * (error * error / S + math.log(S)))
+
+
+def _normalised(members: list[Member]) -> list[Member]:
+    """Weights that sum to one; the least likely members are dropped."""
+    best = max(member.log_weight for member in members)
+    kept = [member for member in members if member.log_weight > best + PRUNED]
+    total = best + math.log(sum(math.exp(member.log_weight - best) for member in kept))
+    return [Member(p, g, q, w - total) for p, g, q, w in kept]
+
+
+def _columns(members: Iterable[Member]) -> tuple[AnyArray, Array, AnyArray, Array]:
+    line, g, q, log_weight = (np.array(column) for column in zip(*members, strict=True))
+    return line, g, q, np.exp(log_weight)
+
+
 _RATIO = 1.6  # of neighbouring ranges
-_PRUNED = math.log(1e-4)  # relative to the heaviest
-_NEAREST = 1e-6  # m
+PRUNED = math.log(1e-4)  # log weight relative to the heaviest
+NEAREST = 1e-6  # m

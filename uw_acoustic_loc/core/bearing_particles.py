@@ -6,43 +6,10 @@ import math
 
 import numpy as np
 
+from .bearing_noise import draw_errors, log_likelihood
 from .geometry import wrap_angle, wrap_angles
 from .triangulation import Drift, Fix, Ray
 from .types import Array
-
-NOISES = ("gaussian", "uniform", "student_t", "mixture")
-
-
-def log_likelihood(noise: str, error: Array, std: Array | float) -> Array:
-    """Log density of bearing errors in rad, times `std` and a constant.
-
-    gaussian; uniform within sqrt(3) std, its edges softened by 1 % so that no cloud dies at once; student_t with 4
-    degrees of freedom and the variance std^2; mixture: gaussian, one bearing in ten being a direction at random.
-    """
-    z = error / std
-    if noise == "gaussian":
-        return np.asarray(-0.5 * z * z)
-    if noise == "uniform":
-        beyond = np.maximum(np.abs(z) / math.sqrt(3) - 1, 0.0) / _SOFTNESS
-        return np.asarray(-0.5 * beyond * beyond)
-    if noise == "student_t":  # scale std / sqrt(2): its variance is nu / (nu - 2) of the scale's square
-        return np.asarray(-0.5 * (_FREEDOM + 1) * np.log1p(z * z / (_FREEDOM - 2)))
-    if noise == "mixture":
-        floor = np.log(_OUTLIERS / (1 - _OUTLIERS) * std / math.sqrt(2 * math.pi))
-        return np.asarray(np.logaddexp(-0.5 * z * z, floor))
-    raise ValueError(f"noise must be one of {', '.join(NOISES)}, got {noise!r}")
-
-
-def draw_errors(noise: str, std: float, n: int, rng: np.random.Generator) -> Array:
-    """(n,) bearing errors in rad with the density of `log_likelihood`."""
-    if noise == "uniform":
-        return rng.uniform(-math.sqrt(3) * std, math.sqrt(3) * std, n)
-    if noise == "student_t":
-        return rng.standard_t(_FREEDOM, n) * (std / math.sqrt(_FREEDOM / (_FREEDOM - 2)))
-    errors = rng.normal(0.0, std, n)
-    if noise == "mixture":
-        return np.where(rng.random(n) < _OUTLIERS, rng.uniform(-math.pi, math.pi, n), errors)
-    return errors
 
 
 class BearingParticles:
@@ -196,9 +163,6 @@ def _moments(points: Array, weight: Array) -> tuple[Array, Array]:
 
 
 _NEVER = -1e9  # finite: a source that has wandered out of the interval may come back
-_SOFTNESS = 0.01
-_FREEDOM = 4.0
-_OUTLIERS = 0.1
 _BANDWIDTH = 0.2
 _REMEMBERED = 150  # bearings
 _MOVES = 2

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..config import param
 from .bearing_ekf import BearingEkf, range_bank
-from .bearing_particles import NOISES, BearingParticles
+from .bearing_noise import NOISES
+from .bearing_particles import BearingParticles
 from .geometry import mirror_bearing, wrap_angle
 from .triangulation import Drift, Fix, Ray, Triangulation
 
