@@ -5,7 +5,6 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,14 +13,7 @@ from .log_polar import bearing_moments, cartesian, corrected, seen_from
 from .triangulation import Drift, Fix, Ray
 from .types import AnyArray, Array
 
-
-class Member(NamedTuple):
-    """One EKF of the bank: offset from the observer, error (`log_polar`) and log weight."""
-
-    line: complex
-    g: float
-    q: complex
-    log_weight: float
+Member = tuple[complex, float, complex, float]  # line, g, q of one EKF (`log_polar`); log weight
 
 
 class BearingEkf:
@@ -46,13 +38,20 @@ class BearingEkf:
         if drift.variance:
             self._move(complex(drift.x, drift.y))
         wander, turn = 2 * self._process_noise**2 * duration, drift.variance
-        self._members = [Member(p, g + wander / abs(p) ** 2 + turn, q - turn, w) for p, g, q, w in self._members]
+        self._members = [
+            (p, g + wander / (p.real * p.real + p.imag * p.imag) + turn, q - turn, w) for p, g, q, w in self._members
+        ]
 
     def update(self, ray: Ray) -> None:
         """Corrects every member and its weight; a correlated bearing counts with its share."""
         self._move(complex(ray.x, ray.y))
         toward, variance = cmath.rect(1.0, ray.bearing), ray.std**2 / ray.weight
-        self._members = _normalised([_updated(member, toward, variance) for member in self._members])
+        members = []
+        for line, g, q, log_weight in self._members:
+            after = corrected(line, g, q, toward, variance, cmath.exp, cmath.phase)
+            error, S = after[3:]
+            members.append((*after[:3], log_weight - 0.5 * (error * error / S + math.log(S))))
+        self._members = _normalised(members)
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
@@ -76,7 +75,7 @@ class BearingEkf:
 
     def _seen_from(self, point: complex) -> list[Member]:
         shift = self._origin - point
-        return [Member(*seen_from(p, g, q, clear(p, shift)), w) for p, g, q, w in self._members]
+        return [(*seen_from(p, g, q, clear(p, shift)), w) for p, g, q, w in self._members]
 
 
 def range_bank(ray: Ray, range_min: float, range_max: float, process_noise: float = 0.0) -> BearingEkf:
@@ -115,20 +114,17 @@ def clear(line: complex, shift: complex) -> complex:
 def _member(mean: Array, cov: Array, log_weight: float) -> Member:
     ranges, bearings, mixed = float(cov[0, 0]), float(cov[1, 1]), float(cov[0, 1])
     line = cmath.exp(complex(mean[0], mean[1]))
-    return Member(line, ranges + bearings, complex(ranges - bearings, 2 * mixed), log_weight)
-
-
-def _updated(member: Member, toward: complex, variance: float) -> Member:
-    line, g, q, error, S = corrected(*member[:3], toward, variance, cmath.exp, cmath.phase)
-    return Member(line, g, q, member.log_weight - 0.5 * (error * error / S + math.log(S)))
+    return line, ranges + bearings, complex(ranges - bearings, 2 * mixed), log_weight
 
 
 def _normalised(members: list[Member]) -> list[Member]:
     """Weights that sum to one; the least likely members are dropped."""
-    best = max(member.log_weight for member in members)
-    kept = [member for member in members if member.log_weight > best + PRUNED]
-    total = best + math.log(sum(math.exp(member.log_weight - best) for member in kept))
-    return [Member(p, g, q, w - total) for p, g, q, w in kept]
+    if len(members) == 1:
+        return [(*members[0][:3], 0.0)]
+    best = max(member[3] for member in members)
+    kept = [member for member in members if member[3] > best + PRUNED]
+    total = best + math.log(sum(math.exp(member[3] - best) for member in kept))
+    return [(p, g, q, w - total) for p, g, q, w in kept]
 
 
 def _columns(members: Iterable[Member]) -> tuple[AnyArray, Array, AnyArray, Array]:
