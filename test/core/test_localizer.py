@@ -53,6 +53,17 @@ def test_a_turn_settles_the_side(method, wrong):
     assert fix is not None and math.dist(fix.mean, SOURCE) < 1.0
 
 
+def test_a_moving_source_is_followed_and_its_side_settled():
+    """It walks along x at 0.5 m/s while the vehicle turns two corners."""
+    localizer, rng = SourceLocalizer(config(source_speed_std=0.5), 0), np.random.default_rng(33)
+    for k in range(500):
+        x, y, yaw = corner(k) if k < 350 else (30.0 - 0.15 * (k - 350), 22.5, math.pi)
+        at = (-10.0 + 0.05 * k, 40.0)
+        localizer.update((k + 1) * 100_000_000, x, y, yaw, wrap_angle(heard(x, y, yaw, at) + rng.normal(0, STD)), 0.0)
+    assert len(localizer.sides) == 1
+    assert math.dist(localizer.sides[0].fix.mean, at) < 3.0
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_straight_run_leaves_both_sides(method):
     localizer = SourceLocalizer(config(method=method, particles=1000), 0)
@@ -123,6 +134,10 @@ def test_sentences():
         ({"source_ids": ("1a",)}, "source_ids must be letters"),
         ({"range_min": 5.0, "range_max": 4.0}, "range_min must be below range_max"),
         ({"lines": 7}, "lines must be even, got 7"),
+        (
+            {"source_speed_std": 0.5, "method": "triangulation"},
+            "source_speed_std needs method ekf, got 0.5 with tri",
+        ),
     ):
         with pytest.raises(ValueError, match=sentence):
             config(**values)

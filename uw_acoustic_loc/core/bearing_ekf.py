@@ -83,17 +83,17 @@ def range_bank(ray: Ray, range_min: float, range_max: float, process_noise: floa
 
     Each has the mean and variance of a log range uniform in its interval.
     """
-    log_ranges, variance = range_intervals(range_min, range_max)
+    log_ranges, variance = range_intervals(range_min, range_max, _RATIO)
     means = np.stack([log_ranges, np.full(log_ranges.size, ray.bearing)], axis=1)
     covs = np.tile(np.diag([variance, ray.std**2 / ray.weight]), (log_ranges.size, 1, 1))
     return BearingEkf(np.array([ray.x, ray.y]), means, covs, process_noise)
 
 
-def range_intervals(range_min: float, range_max: float) -> tuple[Array, float]:
-    """Means of the log range in intervals of equal ratio, and its variance in each."""
+def range_intervals(range_min: float, range_max: float, ratio: float) -> tuple[Array, float]:
+    """Means of the log range in intervals whose ends have a ratio, and its variance in each."""
     if not 0 < range_min < range_max:
         raise ValueError(f"range_min must be above 0 and below range_max, got {range_min:g} and {range_max:g}")
-    count = math.ceil(math.log(range_max / range_min) / math.log(_RATIO))
+    count = math.ceil(math.log(range_max / range_min) / math.log(ratio))
     edges = np.linspace(math.log(range_min), math.log(range_max), count + 1)
     return (edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]) ** 2 / 12
 

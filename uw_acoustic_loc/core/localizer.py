@@ -10,12 +10,13 @@ import numpy as np
 
 from ..config import param
 from .bearing_ekf import BearingEkf, range_bank
+from .bearing_ekf_moving import MovingBearingEkf
 from .bearing_noise import NOISES
 from .bearing_particles import BearingParticles
 from .geometry import mirror_bearing, wrap_angle
 from .triangulation import Drift, Fix, Ray, Triangulation
 
-Estimator = Triangulation | BearingEkf | BearingParticles
+Estimator = Triangulation | BearingEkf | MovingBearingEkf | BearingParticles
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,9 @@ class LocalizerConfig:
     process_noise: float = param(
         0.1, unit="m per sqrt(s)", low=0, doc="how fast odom drifts at the source (or the source wanders in it)"
     )
+    source_speed_std: float = param(
+        0.0, unit="m/s", low=0, high=100, doc="per axis, of a source on a straight course; 0 = still; for the ekf"
+    )
     gate_sigma: float = param(5.0, unit="sigma", low=1, changeable=True, doc="bearings beyond this are not used")
     reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the source anew")
     odometry_timeout: float = param(1.0, unit="s", low=0.01, doc="bearings need odometry not older than this")
@@ -49,6 +53,8 @@ class LocalizerConfig:
         check_ranges(self.range_min, self.range_max)
         if self.lines % 2:
             raise ValueError(f"lines must be even, got {self.lines}")
+        if self.source_speed_std and self.method != "ekf":
+            raise ValueError(f"source_speed_std needs method ekf, got {self.source_speed_std:g} with {self.method}")
 
 
 def check_source_ids(source_ids: tuple[str, ...]) -> None:
@@ -201,6 +207,8 @@ def _estimator(ray: Ray, config: LocalizerConfig, rng: np.random.Generator) -> E
     if config.method == "triangulation":
         return Triangulation(ray, config.lines)
     limits = config.range_min, config.range_max
+    if config.source_speed_std:
+        return MovingBearingEkf(ray, *limits, speed_std=config.source_speed_std, process_noise=config.process_noise)
     if config.method == "ekf":
         return range_bank(ray, *limits, config.process_noise)
     return BearingParticles(
