@@ -19,6 +19,7 @@ from uw_acoustic_loc.sim.trajectory import Trajectory
 from uw_acoustic_loc.sim.vehicle import VehicleSource
 from uw_acoustic_loc.stages.bearing_localizer import BearingLocalizerStage
 from uw_acoustic_loc.stages.bearing_slam import BearingSlamStage
+from uw_acoustic_loc.stages.runner import Refusal, Runner
 
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config" / "harbour" / "scenario.yaml")
 STD = math.radians(1)
@@ -155,6 +156,75 @@ def test_refusals():
     list(handle["odometry"](Odometry(1, np.zeros(3), quat_from_yaw(0), np.zeros(3), np.zeros(3))))
     with pytest.raises(ValueError, match=r"odometry is 2\.000 s older, allowed are 1 s"):
         list(handle["sources/a/bearing"](Bearing(2 * 10**9 + 1, 0.1, 0.01, np.zeros(3))))
+
+
+def run_faulty(fault) -> tuple[BearingLocalizerStage, dict[str, Position], list[Refusal]]:
+    """The harbour with true odometry that has gone through `fault`, by way of the runner that every node has."""
+    refused: list[Refusal] = []
+    runner = Runner(localizer, 0.5, refused.append)
+    events = [(t, topic, fault(t, v)) if topic == "odometry" else (t, topic, v) for t, topic, v in true_odometry()]
+    events = [event for event in events + bearings(0) if event[2] is not None]
+    last: dict[str, Position] = {}
+    for _, topic, value in sorted(events, key=lambda event: event[0]):
+        last |= runner.push(topic, value)
+    last |= runner.flush()
+    return runner.stage, last, refused
+
+
+def test_a_gap_in_odometry_is_told_and_does_no_harm():
+    begin, end = HARBOUR.t_ns(88.0), HARBOUR.t_ns(100.0)
+    stage, last, refused = run_faulty(lambda t, v: None if begin < t < end else v)
+    for pinger in HARBOUR.pingers:
+        assert math.dist(last[f"sources/{pinger.id}/position"].position[:2], (pinger.x, pinger.y)) < 0.7
+    assert 300 < len(refused) < 400 and all("odometry is" in refusal.sentence for refusal in refused)
+    status = stage.status()
+    assert status.level == Status.WARN and "odometry paused for 12.0 s" in status.message
+    assert (status.values["odometry_gaps"], status.values["odometry_jumps"]) == (1, 0)
+
+
+def test_a_leap_of_odometry_is_told_and_the_sources_come_along():
+    """At 95 s dead reckoning starts again at zero: everything is where it was, seen from the vehicle."""
+    leap = HARBOUR.t_ns(95.0)
+    at = next(v for t, topic, v in true_odometry() if topic == "odometry" and t >= leap)
+    yaw, (x, y) = yaw_from_quat(at.quat_xyzw), at.position[:2]
+    c, s = math.cos(yaw), math.sin(yaw)
+
+    def begun_anew(px: float, py: float) -> list[float]:
+        return [c * (px - x) + s * (py - y), -s * (px - x) + c * (py - y)]
+
+    def fault(t: int, v: Odometry) -> Odometry:
+        if t < leap:
+            return v
+        turned = quat_from_yaw(yaw_from_quat(v.quat_xyzw) - yaw)
+        return replace(v, position=np.array([*begun_anew(*v.position[:2]), v.position[2]]), quat_xyzw=turned)
+
+    stage, last, refused = run_faulty(fault)
+    assert not refused
+    for pinger in HARBOUR.pingers:
+        found = last[f"sources/{pinger.id}/position"]
+        assert math.dist(found.position[:2], begun_anew(pinger.x, pinger.y)) < 0.6
+        assert math.sqrt(np.trace(found.cov[:2, :2])) < 0.6
+    status = stage.status()
+    assert status.level == Status.WARN and "sources carried along" in status.message
+    assert status.values["odometry_jumps"] == 1 and status.values["a.restarts"] == 0
+
+
+def test_a_stopped_clock_of_odometry_is_told_and_does_no_harm():
+    """From 100 s on its stamps stand still."""
+    stop = HARBOUR.t_ns(100.0)
+    stage, last, refused = run_faulty(lambda t, v: replace(v, t_ns=min(t, stop)))
+    for pinger in HARBOUR.pingers:
+        assert math.dist(last[f"sources/{pinger.id}/position"].position[:2], (pinger.x, pinger.y)) < 0.7
+    assert any("odometry at" in refusal.sentence and "must come after" in refusal.sentence for refusal in refused)
+    assert any("bearing refused: odometry is" in refusal.sentence for refusal in refused)
+    status = stage.status()
+    assert status.level == Status.WARN and "s behind the bearings" in status.message
+
+
+def test_the_advice_stands_in_the_diagnostics():
+    stage = localizer()
+    run(stage, [e for e in true_odometry() + bearings(0) if e[0] < HARBOUR.t_ns(30.0)])
+    assert "side not known yet; turn " in stage.status().values["a.advice"]
 
 
 def slam_stage(**values) -> BearingSlamStage:

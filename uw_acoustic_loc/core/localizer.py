@@ -44,6 +44,9 @@ class LocalizerConfig:
     gate_sigma: float = param(5.0, unit="sigma", low=1, changeable=True, doc="bearings beyond this are not used")
     reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the source anew")
     odometry_timeout: float = param(1.0, unit="s", low=0.01, doc="bearings need odometry not older than this")
+    odometry_jump: float = param(
+        2.0, unit="m", low=0.01, doc="odometry this far (and 5 m/s) off its own velocity has leapt: sources come along"
+    )
     particles: int = param(2000, low=10, high=1_000_000)
     lines: int = param(400, low=4, high=100_000, doc="bearing lines that triangulation remembers")
     seed: int = param(1, low=0)

@@ -11,9 +11,10 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Status
 from ..core.bearing_particles import BearingParticles
-from ..core.geometry import rotation_from_rpy, rpy_from_quat
 from ..core.localizer import LocalizerConfig, SourceLocalizer
+from ..core.reckoning import Reckoning
 from ..core.triangulation import Fix
+from ..core.turn_advice import advice
 from ..core.types import Array, Bearing, Odometry, Particles, Position
 
 
@@ -25,7 +26,9 @@ class BearingLocalizerStage:
     def __init__(self, config: LocalizerConfig) -> None:
         self._config = config
         self._sources = {name: SourceLocalizer(config, k) for k, name in enumerate(config.source_ids)}
-        self._odometry: Odometry | None = None
+        self._reckoning = Reckoning(config.odometry_timeout, config.odometry_jump)
+        self._poses: dict[str, tuple[float, float, float]] = {}  # of the array at the last bearing
+        self._heard_ns = 0
         self._cloud_ns: dict[str, int] = {}
 
     @property
@@ -48,17 +51,34 @@ class BearingLocalizerStage:
         return tuple(outputs)
 
     def status(self) -> Status:
-        values: dict[str, float | int | str] = {}
+        values: dict[str, float | int | str] = {
+            "odometry_gaps": self._reckoning.gaps,
+            "odometry_jumps": self._reckoning.jumps,
+        }
         for name, source in self._sources.items():
             values |= {f"{name}.{key}": value for key, value in _values(source).items()}
+            if name in self._poses and (sentence := advice(source, *self._poses[name])):
+                values[f"{name}.advice"] = sentence
         silent = [name for name, source in self._sources.items() if not source.sides]
         both = [name for name, source in self._sources.items() if len(source.sides) == 2]
-        sentences = []
+        faults = [*self._faults()]
+        sentences = [*faults]
         if silent:
             sentences.append(f"no bearing yet of {', '.join(silent)}")
         if both:
             sentences.append(f"both sides remain possible of {', '.join(both)}")
-        return Status(Status.WARN if silent else Status.OK, "; ".join(sentences) or "running", values)
+        return Status(Status.WARN if silent or faults else Status.OK, "; ".join(sentences) or "running", values)
+
+    def _faults(self) -> Iterator[str]:
+        """What is wrong with odometry, as long as it is news."""
+        last = self._reckoning.last
+        if last is None:
+            return
+        behind = (self._heard_ns - last.t_ns) * 1e-9
+        if behind > self._config.odometry_timeout:
+            yield f"odometry stands {behind:.1f} s behind the bearings"
+        if self._reckoning.notice and last.t_ns - self._reckoning.notice_ns < _NEWS_NS:
+            yield self._reckoning.notice
 
     def change(self, config: LocalizerConfig) -> None:
         self._config = config
@@ -66,38 +86,26 @@ class BearingLocalizerStage:
             source.config = config
 
     def _on_odometry(self, odometry: Odometry) -> Iterator[Emission]:
-        self._odometry = odometry
+        self._reckoning.update(odometry)
         yield from ()
 
     def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
-        position, yaw = self._array_pose(bearing)
+        self._heard_ns = max(self._heard_ns, bearing.t_ns)
+        position, yaw = self._reckoning.array_pose(bearing.t_ns, bearing.position)
         source = self._sources[name]
         x, y, z = position.tolist()
         source.update(bearing.t_ns, x, y, yaw, bearing.bearing, bearing.variance, self._yaw_variance)
+        self._poses[name] = x, y, yaw
         for topic, side in zip(("position", "mirror_position"), source.sides, strict=False):
             if (fix := side.fix) is not None:
+                fix = self._reckoning.to_odom(fix)
                 cov = fix.cov + self._drift(fix.mean)
                 yield f"sources/{name}/{topic}", _position(bearing.t_ns, Fix(fix.mean, cov), z)
         yield from self._cloud(name, bearing.t_ns, z)
 
-    def _array_pose(self, bearing: Bearing) -> tuple[Array, float]:
-        """Position of the array in odom and the vehicle's yaw at the bearing's stamp: the last pose, moved on."""
-        last = self._odometry
-        if last is None:
-            raise ValueError("bearing refused: no odometry yet")
-        duration = (bearing.t_ns - last.t_ns) * 1e-9
-        if abs(duration) > self._config.odometry_timeout:
-            limit = self._config.odometry_timeout
-            raise ValueError(f"bearing refused: odometry is {duration:.3f} s older, allowed are {limit:g} s")
-        roll, pitch, yaw = rpy_from_quat(last.quat_xyzw)
-        turn = float(last.angular[2]) * duration
-        midway = rotation_from_rpy(roll, pitch, yaw + turn / 2)
-        position = last.position + midway @ (last.linear * duration)
-        return position + rotation_from_rpy(roll, pitch, yaw + turn) @ bearing.position, yaw + turn
-
     @property
     def _yaw_variance(self) -> float:
-        cov = None if self._odometry is None else self._odometry.pose_cov
+        cov = None if self._reckoning.last is None else self._reckoning.last.pose_cov
         return 0.0 if cov is None or cov[0, 0] < 0 else float(cov[5, 5])
 
     def _drift(self, point: Array) -> Array:
@@ -105,7 +113,7 @@ class BearingLocalizerStage:
 
         Zero when the odometry does not know its covariance.
         """
-        odometry = self._odometry
+        odometry = self._reckoning.last
         if odometry is None or odometry.pose_cov[0, 0] < 0:
             return np.zeros((2, 2))
         dx, dy = point - odometry.position[:2]
@@ -118,7 +126,8 @@ class BearingLocalizerStage:
             return
         self._cloud_ns[name] = t_ns
         xy, weight = estimator.cloud(_CLOUD_SIZE)
-        x, y, z_all, w = (np.asarray(column, dtype=np.float32) for column in (*xy, np.full(weight.size, z), weight))
+        points = self._reckoning.points_to_odom(xy)
+        x, y, z_all, w = (np.asarray(column, dtype=np.float32) for column in (*points, np.full(weight.size, z), weight))
         yield f"sources/{name}/particles", Particles(t_ns, x, y, z_all, w, "odom")
 
 
@@ -148,5 +157,6 @@ def _position(t_ns: int, fix: Fix, z: float) -> Position:
 
 
 _PLANAR = [0, 1, 5]  # x, y, yaw
+_NEWS_NS = 30_000_000_000  # how long a fault of odometry is told
 _CLOUD_SIZE = 200
 _CLOUD_PERIOD_NS = 500_000_000
