@@ -87,6 +87,23 @@ def test_covariance_is_honest(kind, runs):
     assert abs(nees - 1) < 4 / math.sqrt(runs)
 
 
+@pytest.mark.parametrize("noise", NOISES)
+def test_particles_are_honest_with_the_errors_they_are_told_of(noise):
+    """Whatever the density: NEES / 2 of 30 runs is 1 to four times its spread, when that is a chi-square's."""
+    nees, std, x = [], math.radians(3), np.linspace(0, 60, 60)
+    for run in range(30):
+        rng = np.random.default_rng([10, run])
+        bearings = np.arctan2(53.0, 10 - x) + draw_errors(noise, std, 60, rng)
+        rays = [Ray(x[k], 0.0, bearings[k], std) for k in range(60)]
+        cloud = BearingParticles(rays[0], 1, 200, particles=1000, noise=noise, rng=rng)
+        for ray in rays[1:]:
+            cloud.update(ray)
+        fix = cloud.estimate()
+        off = fix.mean - SOURCE
+        nees.append(off @ np.linalg.solve(fix.cov, off) / 2)
+    assert abs(np.mean(nees) - 1) < 4 / math.sqrt(30)
+
+
 def test_bank_spans_the_range_and_collapses():
     bank = range_bank(Ray(0, 0, math.atan2(53, 10), 0.02), 1, 200)
     fix = bank.estimate()
