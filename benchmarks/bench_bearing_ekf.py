@@ -14,6 +14,7 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from functools import partial
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
@@ -24,7 +25,7 @@ from uw_acoustic_loc.core.bearing_ekf import single_start
 from uw_acoustic_loc.core.log_polar import corrected, seen_from
 from uw_acoustic_loc.core.triangulation import Drift, Ray
 
-STEPS, RUNS, STD = 200, 1000, math.radians(2.0)
+STEPS, RUNS, FEW, STD = 200, 1000, 20, math.radians(2.0)
 SOURCE, GUESS, SPREAD = 10 + 53j, 20 + 60j, 15.0  # m
 Q = 1e-6  # m^2 per step
 ALONG = np.linspace(0.0, 60.0, STEPS)
@@ -34,12 +35,12 @@ HEARD = np.angle(SOURCE - VEHICLE)[:, None] + STD * np.random.default_rng(7).sta
 Step = Callable[[int], complex | np.ndarray]  # a step's number in, relative positions out
 
 
-def ours() -> Step:
+def ours(run: int = 0) -> Step:
     """The node's class, with one member."""
     ekf = single_start(np.zeros(2), np.array([GUESS.real, GUESS.imag]), SPREAD**2 * np.eye(2))
     ekf._process_noise = math.sqrt(Q)
     still = Drift()
-    rays = [Ray(v.real, v.imag, b, STD) for v, b in zip(VEHICLE.tolist(), HEARD[:, 0].tolist(), strict=True)]
+    rays = [Ray(v.real, v.imag, b, STD) for v, b in zip(VEHICLE.tolist(), HEARD[:, run].tolist(), strict=True)]
 
     def step(k: int) -> complex:
         ekf.predict(1.0, still)
@@ -49,10 +50,10 @@ def ours() -> Step:
     return step
 
 
-def ours_bare() -> Step:
+def ours_bare(run: int = 0) -> Step:
     """Its kernel, which is what many runs at once use."""
     line, g, q = GUESS, 2 * (SPREAD / abs(GUESS)) ** 2, 0j
-    shifts, toward = SHIFTS.tolist(), np.exp(1j * HEARD[:, 0]).tolist()
+    shifts, toward = SHIFTS.tolist(), np.exp(1j * HEARD[:, run]).tolist()
 
     def step(k: int) -> complex:
         nonlocal line, g, q
@@ -134,7 +135,7 @@ def with_simdkalman() -> Step:
     return step
 
 
-def with_stonesoup() -> Step:
+def with_stonesoup(run: int = 0) -> Step:
     from stonesoup.models.measurement.nonlinear import Cartesian2DToBearing  # noqa: PLC0415
     from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, RandomWalk  # noqa: PLC0415
     from stonesoup.predictor.kalman import ExtendedKalmanPredictor  # noqa: PLC0415
@@ -155,55 +156,59 @@ def with_stonesoup() -> Step:
         now += second
         where = np.array([[VEHICLE[k].real], [VEHICLE[k].imag]])
         model = Cartesian2DToBearing(2, (0, 1), np.array([[STD**2]]), translation_offset=where)
-        heard = Detection(np.array([[Bearing(HEARD[k, 0])]]), timestamp=now, measurement_model=model)
+        heard = Detection(np.array([[Bearing(HEARD[k, run])]]), timestamp=now, measurement_model=model)
         state = updater.update(SingleHypothesis(predictor.predict(state, timestamp=now), heard))
         return complex(*np.asarray(state.state_vector, dtype=float)[:, 0]) - VEHICLE[k]
 
     return step
 
 
-def accuracy(make: Callable[[], Step]) -> str:
-    step = make()
+def accuracy(steps: list[Step]) -> str:
+    """Over the runs of one batch, or of several single ones."""
     for k in range(STEPS):
-        last = step(k)
-    off = np.abs(np.asarray(last) - (SOURCE - VEHICLE[-1]))
-    return f"{off:.2f} m off at the end" if off.ndim == 0 else f"RMSE {math.sqrt(np.mean(off**2)):.2f} m at the end"
+        last = [step(k) for step in steps]
+    off = np.abs(np.ravel(last) - (SOURCE - VEHICLE[-1]))
+    return f"RMSE {math.sqrt(np.mean(off**2)):.2f} m at the end of {off.size} runs"
 
 
-def endless(make: Callable[[], Step]) -> Callable[[], object]:
-    """The course again and again, each time from the start."""
-    step, k = make(), -1
+def endless(step: Step) -> Callable[[], object]:
+    """The course again and again."""
+    k = -1
 
     def call() -> object:
-        nonlocal step, k
+        nonlocal k
         k += 1
         return step(k % STEPS)
 
     return call
 
 
-def measured(title: str, own: str, peers: dict[str, tuple[str, Callable[[], Step], float]], seconds: float) -> int:
+def measured(title: str, peers: dict[str, tuple[str, list[Callable[[], Step]], float]], seconds: float) -> int:
     here = {name: peer for name, peer in peers.items() if importlib.util.find_spec(peer[0])}
-    errors = {name: accuracy(make) for name, (_, make, _) in here.items()}
-    medians = in_turn({name: endless(make) for name, (_, make, _) in here.items()}, seconds)
+    errors = {name: accuracy([make() for make in makers]) for name, (_, makers, _) in here.items()}
+    medians = in_turn({name: endless(makers[0]()) for name, (_, makers, _) in here.items()}, seconds)
     rows = [Row(name, medians.get(name), errors.get(name, ""), goal) for name, (_, _, goal) in peers.items()]
-    return report(title, own, rows)
+    return report(title, "ours", rows)
+
+
+def several(make: Callable[[int], Step]) -> list[Callable[[], Step]]:
+    return [partial(make, run) for run in range(FEW)]
 
 
 def main() -> int:
     one = {
-        "ours": ("uw_acoustic_loc", ours, 0.0),
-        "ours, the kernel alone": ("uw_acoustic_loc", ours_bare, 0.0),
-        "filterpy": ("filterpy", with_filterpy, 6.0),
-        "Stone Soup": ("stonesoup", with_stonesoup, 100.0),
+        "ours": ("uw_acoustic_loc", several(ours), 0.0),
+        "ours, the kernel alone": ("uw_acoustic_loc", several(ours_bare), 0.0),
+        "filterpy": ("filterpy", several(with_filterpy), 6.0),
+        "Stone Soup": ("stonesoup", several(with_stonesoup), 100.0),
     }
     many = {
-        "ours": ("uw_acoustic_loc", ours_batched, 0.0),
-        "simdkalman": ("simdkalman", with_simdkalman, 5.0),
-        "filterpy, one by one": ("filterpy", with_filterpy_loop, 200.0),
+        "ours": ("uw_acoustic_loc", [ours_batched], 0.0),
+        "simdkalman": ("simdkalman", [with_simdkalman], 5.0),
+        "filterpy, one by one": ("filterpy", [with_filterpy_loop], 200.0),
     }
-    missed = measured("Step of a bearing-only EKF, one run", "ours", one, 4.0)
-    return measured("The same, 1000 runs at once", "ours", many, 8.0) or missed
+    missed = measured("Step of a bearing-only EKF, one run", one, 4.0)
+    return measured("The same, 1000 runs at once", many, 8.0) or missed
 
 
 if __name__ == "__main__":

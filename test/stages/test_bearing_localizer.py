@@ -93,6 +93,14 @@ def test_drifting_odometry_is_told_in_the_covariance():
     assert 0.1 < np.mean(nees) < 3
 
 
+def test_ordinary_dead_reckoning_has_neither_gaps_nor_leaps_and_a_moving_source_its_speed():
+    stage = localizer(source_speed_std=0.2)
+    run(stage, [e for e in [*VehicleSource(HARBOUR).events(), *bearings(0)] if e[0] < HARBOUR.t_ns(70.0)])
+    values = stage.status().values
+    assert values["odometry_gaps"] == values["odometry_jumps"] == 0
+    assert all(0 <= values[f"{name}.speed"] < 0.3 for name in IDS)
+
+
 def test_relative_to_the_drifted_vehicle_the_source_is_right():
     """REP-105: odom drifts, and a position in it is right when it is right seen from the vehicle's pose in it."""
     distances = []

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
+from ..core.bearing_ekf_moving import MovingBearingEkf
 from ..core.bearing_particles import BearingParticles
 from ..core.localizer import LocalizerConfig, SourceLocalizer
 from ..core.reckoning import Reckoning
@@ -146,6 +147,8 @@ def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
             values["position_std_m"] = math.sqrt(fix.cov[0, 0] + fix.cov[1, 1])
         if isinstance(side.estimator, BearingParticles):
             values["ess"] = side.estimator.ess
+        if isinstance(side.estimator, MovingBearingEkf):
+            values["speed"] = math.hypot(*side.estimator.velocity)
     return values
 
 
