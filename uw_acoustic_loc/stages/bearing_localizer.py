@@ -62,13 +62,13 @@ class BearingLocalizerStage:
                 values[f"{name}.advice"] = sentence
         silent = [name for name, source in self._sources.items() if not source.sides]
         both = [name for name, source in self._sources.items() if len(source.sides) == 2]
-        faults = [*self._faults()]
-        sentences = [*faults]
+        sentences = [*self._faults()]
+        level = Status.WARN if sentences or silent else Status.OK
         if silent:
             sentences.append(f"no bearing yet of {', '.join(silent)}")
         if both:
             sentences.append(f"both sides remain possible of {', '.join(both)}")
-        return Status(Status.WARN if silent or faults else Status.OK, "; ".join(sentences) or "running", values)
+        return Status(level, "; ".join(sentences) or "running", values)
 
     def _faults(self) -> Iterator[str]:
         """What is wrong with odometry, as long as it is news."""
