@@ -147,6 +147,13 @@ def reproduce(options: Namespace) -> int:
     return run(options)
 
 
+def plan(options: Namespace) -> int:
+    """Draws what a scenario's nets can do."""
+    from .plan import plan as run
+
+    return run(options)
+
+
 def _launch(graph: Path, record: Path | None, duration: float) -> int:
     from ..graph import load_graph
     from ..ros.launcher import Launcher, Run

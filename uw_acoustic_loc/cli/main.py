@@ -81,6 +81,11 @@ def _parser() -> argparse.ArgumentParser:
     reproduce.add_argument("--seed", type=int, default=1)
     reproduce.add_argument("--json", action="store_true", help="print the numbers and draw nothing")
     reproduce.set_defaults(run=commands.reproduce)
+
+    plan = command.add_parser("plan", help="maps of the accuracy that a scenario's nets can reach")
+    plan.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
+    plan.add_argument("-o", "--output", type=Path, default=Path("out/plan"), metavar="DIR", help="default %(default)s")
+    plan.set_defaults(run=commands.plan)
     _wav(command)
     return parser
 

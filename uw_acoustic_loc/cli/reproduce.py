@@ -92,7 +92,7 @@ def _section(name: str, outcome: Outcome, seed: int, folder: Path) -> Iterator[s
     (folder / f"{name}.json").write_text(json.dumps(outcome.numbers, indent=2) + "\n", encoding="utf-8")
     yield f"# {study.TITLE}\n\n{outcome.text}"
     for key, sheet in outcome.sheets.items():
-        _write_csv(sheet, folder / f"{name}_{key}.csv")
+        write_csv(sheet, folder / f"{name}_{key}.csv")
         yield f"## {sheet.title}\n\n{markdown(sheet)}"
     for key, picture in study.pictures(outcome.numbers, seed):
         file = folder / f"{name}_{key}.png"
@@ -100,7 +100,8 @@ def _section(name: str, outcome: Outcome, seed: int, folder: Path) -> Iterator[s
         yield f"## {picture.title}\n\n![{picture.title}]({file.name})\n\n{picture.caption}\n"
 
 
-def _write_csv(sheet: Sheet, path: Path) -> None:
+def write_csv(sheet: Sheet, path: Path) -> None:
+    """A table as a file."""
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([sheet.columns, *sheet.rows])
 

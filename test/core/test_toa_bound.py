@@ -1,0 +1,31 @@
+import numpy as np
+import pytest
+
+from uw_acoustic_loc.core.toa_bound import PingNoise, ping_bound
+from uw_acoustic_loc.core.toa_model import arrival_times
+from uw_acoustic_loc.core.toa_paths import make_net
+
+BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
+IMAGES = make_net([1, 2, 3, 4], BUOYS, 200.0).images[[1, 2]].reshape(-1, 3)
+TARGETS = np.array([[500.0, 800, -60], [1000, 1000, -10]])
+
+
+@pytest.mark.parametrize("emission", [0.0, 0.5])
+def test_bound_is_the_inverse_information_of_the_trackers_own_model(emission: float) -> None:
+    found = ping_bound(TARGETS, IMAGES, 1500.0, PingNoise(0.003, 2.0, emission))
+    for target, variances in zip(TARGETS, found, strict=True):
+        H = arrival_times(np.array([*target, 0, 0, 0, 1500.0]), IMAGES, 0.0, 0.0)[1][:, [0, 1, 2, 6, 7]]
+        R = 0.003**2 * np.eye(len(H)) + 4 * np.outer(H[:, 3], H[:, 3]) + emission**2 * np.outer(H[:, 4], H[:, 4])
+        assert variances == pytest.approx(np.diag(np.linalg.inv(H[:, :3].T @ np.linalg.solve(R, H[:, :3]))), rel=1e-4)
+
+
+def test_at_the_depth_of_all_receivers_only_the_depth_is_open() -> None:
+    surface = np.array([[500.0, 800, 0]])
+    variances = ping_bound(surface, IMAGES[:4], 1500.0, PingNoise(0.003, 2.0, 0.0))[0]
+    assert variances[2] == np.inf
+    assert np.all(np.sqrt(variances[:2]) < 10)
+
+
+def test_one_receiver_leaves_at_least_two_axes_open() -> None:
+    variances = ping_bound(TARGETS, IMAGES[:1], 1500.0, PingNoise(0.003, 2.0, 0.0))
+    assert np.all(np.isinf(variances).sum(axis=1) >= 2)
