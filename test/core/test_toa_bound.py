@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.toa_bound import PingNoise, ping_bound
-from uw_acoustic_loc.core.toa_model import arrival_times
+from uw_acoustic_loc.core.toa_bound import PingNoise, ping_bound, track_bound
+from uw_acoustic_loc.core.toa_model import ToaConfig, arrival_times, motion, predict
 from uw_acoustic_loc.core.toa_paths import make_net
 
 BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
@@ -29,3 +29,21 @@ def test_at_the_depth_of_all_receivers_only_the_depth_is_open() -> None:
 def test_one_receiver_leaves_at_least_two_axes_open() -> None:
     variances = ping_bound(TARGETS, IMAGES[:1], 1500.0, PingNoise(0.003, 2.0, 0.0))
     assert np.all(np.isinf(variances).sum(axis=1) >= 2)
+
+
+@pytest.mark.parametrize("emission", [0.0, 1.0])
+def test_bound_of_a_track_is_the_covariance_of_the_filter_along_it(emission: float) -> None:
+    config = ToaConfig(acceleration_noise=0.05, vertical_acceleration_noise=0.02)
+    prior, F = np.diag([100.0, 100, 100, 1, 1, 0.1, 4]), motion(2.0)
+    track = [np.array([500.0, 800, -60, 1.2, 1.0, 0.2, 1500])]
+    for _ in range(9):
+        track.append(F @ track[-1])
+    found = track_bound(np.array([track, track]), IMAGES, prior, PingNoise(0.003, 0.0, emission), config, 2.0)
+    P = prior
+    for k, state in enumerate(track):
+        if k:
+            P = predict(state, P, 2.0, config)[1]
+        H = arrival_times(state, IMAGES, 0.0, 0.0)[1]
+        S = H[:, :7] @ P @ H[:, :7].T + emission**2 * np.outer(H[:, 7], H[:, 7]) + 0.003**2 * np.eye(8)
+        P = P - P @ H[:, :7].T @ np.linalg.solve(S, H[:, :7] @ P)
+        assert found[k] == pytest.approx(P, rel=1e-5, abs=1e-8)

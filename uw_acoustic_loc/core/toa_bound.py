@@ -1,4 +1,4 @@
-"""What arrivals at a net of receivers can tell of a target: the Cramer-Rao bound of a single ping."""
+"""What arrivals at a net of receivers can tell of a target: the Cramer-Rao bound of a single ping, and of a track."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .toa_model import STATES, ToaConfig, arrival_times, motion, process_noise
 from .types import Array
 
 
@@ -38,3 +39,29 @@ def ping_bound(targets: Array, images: Array, sound_speed: float, noise: PingNoi
 
 
 _OPEN = 1e-11  # of all information: what an axis must have more of, or else it is open
+
+
+def track_bound(tracks: Array, images: Array, prior: Array, noise: PingNoise, config: ToaConfig, dt: float) -> Array:
+    """(pings, 7, 7) posterior Cramer-Rao bound of a filter's state after each ping.
+
+    The recursion of Tichavsky, Muravchik, Nehorai 1998 for the linear motion of `config`, the information of a ping
+    averaged over true tracks (runs, pings, 7); prior (7, 7) at the first ping, images (n, 3), dt s between pings.
+    Neither limits of the sound speed nor gates are in it.
+    """
+    F = motion(dt)
+    cov, bounds = prior, []
+    for states in np.swapaxes(tracks, 0, 1):
+        gained = np.mean([ping_information(state, images, noise) for state in states], axis=0)
+        cov = np.linalg.inv(np.linalg.inv(cov) + gained)
+        bounds.append(cov)
+        cov = F @ cov @ F.T + process_noise(dt, config)
+    return np.array(bounds)
+
+
+def ping_information(state: Array, images: Array, noise: PingNoise) -> Array:
+    """(7, 7) Fisher information of one ping about a state (7,), its emission unknown by noise.emission."""
+    _, H = arrival_times(state, images, 0.0, 0.0)
+    about, common = H[:, :STATES], H[:, STATES]
+    seen = noise.emission * (about.T @ common)
+    shared = np.outer(seen, seen) / (noise.emission**2 * (common @ common) + noise.toa**2)
+    return np.asarray((about.T @ about - shared) / noise.toa**2)

@@ -23,7 +23,7 @@ class ToaConfig:
 
     emission: str = param("known", choices=("known", "unknown"), doc="whether the stamp is the instant of emission")
     bottom_depth: float = param(0.0, unit="m", low=0, doc="flat seabed below z = 0; 0 = no bottom path")
-    gate_sigma: float = param(3.0, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
+    gate_sigma: float = param(3.5, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
     sound_speed: float = param(1500.0, unit="m/s", low=1350, high=1650, doc="at the start")
     sound_speed_std: float = param(2.0, unit="m/s", low=1e-3, doc="at the start")
     sound_speed_walk: float = param(0.3, unit="m/s per sqrt(s)", low=0, changeable=True)
@@ -62,10 +62,16 @@ def water_column(config: ToaConfig) -> tuple[float, float]:
 
 def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Array, Array]:
     """Mean (7,) and covariance (7, 7) after dt s of nearly constant velocity (eq. 4-5), kept within the water."""
-    F = np.eye(STATES)
-    F[0, 3] = F[1, 4] = F[2, 5] = dt
+    F = motion(dt)
     moved = F @ cov @ F.T + process_noise(dt, config)
     return _in_water(F @ mean, (moved + moved.T) / 2, config)
+
+
+def motion(dt: float) -> Array:
+    """F (7, 7) of constant velocity over dt s (eq. 4)."""
+    F = np.eye(STATES)
+    F[0, 3] = F[1, 4] = F[2, 5] = dt
+    return F
 
 
 def _in_water(mean: Array, cov: Array, config: ToaConfig) -> tuple[Array, Array]:
