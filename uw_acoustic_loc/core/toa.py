@@ -14,6 +14,7 @@ import numpy as np
 from .toa_cold_start import cold_prior, cold_starts, solve
 from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, predict
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, screen
+from .toa_update import absorb
 from .types import Array, Arrivals
 
 __all__ = ["ToaConfig", "ToaEstimate", "ToaTracker"]
@@ -34,8 +35,8 @@ class ToaEstimate:
 class ToaTracker:
     """Acquires the target from the last few epochs, then filters epoch by epoch.
 
-    The covariance stays positive definite: each scalar update subtracts g g^T, and every variance keeps the noise's
-    share of it.
+    The covariance stays positive definite: an update subtracts a product with its own transpose, and every variance
+    keeps the noise's share of it.
     """
 
     def __init__(self, config: ToaConfig, net: Net) -> None:
@@ -149,7 +150,7 @@ class ToaTracker:
         return float(np.median(epoch.time - arrival_times(mean, epoch.images(self._net), 0.0, 0.0)[0]))
 
     def _updated(self, epoch: Epoch, mean: Array, cov: Array) -> ToaEstimate:
-        """By scalar updates; after a long gap, too curved for those, by iterations from the prediction."""
+        """By one linear update; after a long gap, too curved for that, by iterations from the prediction."""
         bias = self._bias(epoch, mean)
         times, H = arrival_times(mean, epoch.images(self._net), bias, bias)
         bend = _curvature(H[:, :3], cov[:3, :3], times - bias)
@@ -157,36 +158,25 @@ class ToaTracker:
             s = solve([epoch], self._net, mean, cov, _around(mean, cov), self._config)
             return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
         noise = np.square(epoch.std) + 2 * np.square(bend)
-        return self._scalar_updates(epoch.t_ns, mean, cov, epoch.time - times - bend, H, noise)
-
-    def _scalar_updates(
-        self, t_ns: int, mean: Array, cov: Array, innovations: Array, H: Array, noise: Array
-    ) -> ToaEstimate:
-        """One arrival after the other (eq. 8-10), linearised at the prediction, the most expected first."""
-        P = np.zeros((STATES + 1, STATES + 1))
-        P[:STATES, :STATES] = cov
-        P[STATES, STATES] = BIAS_STD**2 if self._config.emission == "unknown" else 0.0
-        order = np.argsort(np.square(innovations) / (((H @ P) * H).sum(axis=1) + noise), kind="stable").tolist()
-        change = np.zeros(STATES + 1)
-        used, nis, limit = 0, 0.0, self._config.gate_sigma**2
-        for i in order:
-            h = H[i]
-            PHt = P @ h
-            S = float(h @ PHt) + float(noise[i])
-            innovation = float(innovations[i]) - float(h @ change)
-            if innovation * innovation > limit * S:
-                continue
-            change += PHt * (innovation / S)
-            g = PHt / np.sqrt(S)
-            P -= np.outer(g, g)
-            used += 1
-            nis += innovation * innovation / S
-        return ToaEstimate(t_ns, mean + change[:STATES], P[:STATES, :STATES].copy(), used, len(order) - used, nis)
+        if self._config.emission == "known":
+            a = absorb(cov, epoch.time - times - bend, H[:, :STATES], noise, self._config.gate_sigma)
+        else:
+            a = absorb(_with_bias(cov), epoch.time - times - bend, H, noise, self._config.gate_sigma)
+        rejected = len(epoch.time) - a.used
+        return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
 
 
 def _given_prior(config: ToaConfig) -> tuple[Array, Array]:
     std = np.array([*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std])
     return np.array([*config.initial_position, *config.initial_velocity, config.sound_speed]), np.diag(std**2)
+
+
+def _with_bias(cov: Array) -> Array:
+    """(8, 8): the state's covariance (7, 7) and that of an unknown instant of emission."""
+    whole = np.zeros((STATES + 1, STATES + 1))
+    whole[:STATES, :STATES] = cov
+    whole[STATES, STATES] = BIAS_STD**2
+    return whole
 
 
 def _around(mean: Array, cov: Array) -> Array:

@@ -5,6 +5,7 @@ State (7,): position x y z (m, map, z up), velocity (m/s), effective sound speed
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -62,9 +63,9 @@ def water_column(config: ToaConfig) -> tuple[float, float]:
 
 def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Array, Array]:
     """Mean (7,) and covariance (7, 7) after dt s of nearly constant velocity (eq. 4-5), kept within the water."""
-    F = motion(dt)
-    moved = F @ cov @ F.T + process_noise(dt, config)
-    return _in_water(F @ mean, (moved + moved.T) / 2, config)
+    F, Q = _step(dt, config.acceleration_noise, config.vertical_acceleration_noise, config.sound_speed_walk)
+    moved = F.dot(cov).dot(F.T)
+    return _in_water(F.dot(mean), (moved + moved.T) * 0.5 + Q, config)
 
 
 def motion(dt: float) -> Array:
@@ -86,14 +87,19 @@ def _in_water(mean: Array, cov: Array, config: ToaConfig) -> tuple[Array, Array]
 
 def process_noise(dt: float, config: ToaConfig) -> Array:
     """(7, 7) of white acceleration and a random walk of the sound speed over dt s, forwards or backwards."""
-    q = np.array([config.acceleration_noise, config.acceleration_noise, config.vertical_acceleration_noise]) ** 2
-    Q = np.zeros((STATES, STATES))
-    k = np.arange(3)
-    Q[k, k] = q * abs(dt) ** 3 / 3
-    Q[k, k + 3] = Q[k + 3, k] = q * dt * abs(dt) / 2
-    Q[k + 3, k + 3] = q * abs(dt)
-    Q[6, 6] = config.sound_speed_walk**2 * abs(dt)
-    return Q
+    return _step(dt, config.acceleration_noise, config.vertical_acceleration_noise, config.sound_speed_walk)[1].copy()
+
+
+@functools.lru_cache(maxsize=64)
+def _step(dt: float, acceleration: float, vertical: float, walk: float) -> tuple[Array, Array]:
+    """F and Q (7, 7); kept, because most pings come in equal steps."""
+    q, age = np.square([acceleration, acceleration, vertical]), abs(dt)
+    Q, k = np.zeros((STATES, STATES)), np.arange(3)
+    Q[k, k] = q * age**3 / 3
+    Q[k, k + 3] = Q[k + 3, k] = q * dt * age / 2
+    Q[k + 3, k + 3] = q * age
+    Q[6, 6] = walk**2 * age
+    return motion(dt), Q
 
 
 def arrival_times(mean: Array, images: Array, bias: Array | float, lag: Array | float) -> tuple[Array, Array]:
@@ -102,13 +108,19 @@ def arrival_times(mean: Array, images: Array, bias: Array | float, lag: Array | 
     `bias` (n,): the emission after its epoch's stamp, s; `lag` (n,): the emission after the instant of `mean`.
     The last column is the derivative with respect to both, for an unknown emission time.
     """
-    lag = (np.zeros(len(images)) + lag)[:, None]
-    path = mean[:3] + lag * mean[3:6] - images
-    length = np.sqrt(np.square(path).sum(axis=1))
-    slowness = path / (np.maximum(length, 1e-9) * mean[6])[:, None]
-    jacobian = np.empty((len(images), STATES + 1))
-    jacobian[:, :3] = slowness
-    jacobian[:, 3:6] = slowness * lag
-    jacobian[:, 6] = -length / mean[6] ** 2
-    jacobian[:, 7] = 1 + slowness @ mean[3:6]
-    return length / mean[6] + bias, jacobian
+    moving = np.ndim(lag) > 0 or lag != 0
+    path = mean[:3] - images
+    if moving:
+        path += np.asarray(lag)[..., None] * mean[3:6]
+    c = float(mean[6])
+    length = np.sqrt((path * path).dot(_ONES) + 1e-18)  # m^2, that a ping at a receiver has a direction
+    rows = np.zeros((STATES + 1, len(images)))
+    slowness = np.multiply(path.T, 1 / (c * length), out=rows[:3])
+    if moving:
+        np.multiply(slowness, lag, out=rows[3:6])
+    np.multiply(length, -1 / c**2, out=rows[6])
+    np.add(mean[3:6].dot(slowness), 1, out=rows[7])
+    return length * (1 / c) + bias, rows.T
+
+
+_ONES = np.ones(3)
