@@ -5,6 +5,7 @@ Limits stand beside the spread of 60 runs: about 2 sigma of the mean.
 
 import dataclasses
 import functools
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -257,19 +258,6 @@ def test_a_buoy_may_die_and_return() -> None:
     assert np.linalg.norm(estimate.mean[:3] - state[:3]) < 3 * np.sqrt(np.trace(estimate.cov[:3, :3]))
 
 
-def test_buoys_that_report_one_by_one_are_one_epoch_at_the_start() -> None:
-    rng = np.random.default_rng(8)
-    whole, tracker = ping(rng, truth(rng)[0], 0), ToaTracker(CONFIG, NET)
-    for receiver in (1, 2, 3, 4):
-        keep = whole.receiver == receiver
-        columns = {name: getattr(whole, name)[keep] for name in ("receiver", "path", "time", "std", "snr")}
-        estimate = tracker.update(dataclasses.replace(whole, **columns))
-    together = ToaTracker(CONFIG, NET).update(whole)
-    assert estimate is not None
-    assert together is not None
-    assert estimate.mean == pytest.approx(together.mean, abs=1e-3)
-
-
 def test_too_few_receivers_give_no_position() -> None:
     rng = np.random.default_rng(9)
     whole, tracker = ping(rng, truth(rng)[0], 0), ToaTracker(CONFIG, NET)
@@ -304,11 +292,44 @@ def test_covariance_stays_symmetric_and_positive_definite() -> None:
     assert np.linalg.eigvalsh(estimate.cov).min() > 0
 
 
-def test_an_older_stamp_is_refused() -> None:
+def heard_in(order: list[int]) -> tuple[ToaTracker, ToaEstimate]:
     rng, tracker = np.random.default_rng(11), ToaTracker(CONFIG, NET)
-    tracker.update(ping(rng, truth(rng)[0], 3))
-    with pytest.raises(ValueError, match=r"must not be older than the last epoch, got stamps 2 s older"):
-        tracker.update(ping(rng, truth(rng)[0], 1))
+    pings = [ping(rng, state, k) for k, state in enumerate(truth(rng))]
+    for k in order:
+        last = tracker.update(pings[k])
+    assert last is not None
+    return tracker, last
+
+
+@pytest.mark.parametrize("swapped", [(3, 5), (20, 22)], ids=["acquiring", "tracking"])
+def test_late_epochs_within_the_bound_are_put_where_they_belong(swapped: tuple[int, int]) -> None:
+    order = list(range(25))
+    order.insert(swapped[1], order.pop(swapped[0]))  # two epochs late
+    (late, found), (in_order, expected) = heard_in(order), heard_in(list(range(25)))
+    assert found.mean.tobytes() == expected.mean.tobytes()
+    assert found.cov.tobytes() == expected.cov.tobytes()
+    assert late.counts == in_order.counts + Counter(late_used=1)
+
+
+def test_later_ones_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"must not be more than 2 s older than the last epoch, got 3 s"):
+        heard_in([0, 1, 2, 3, 4, 5, 6, 7, 4])
+
+
+@pytest.mark.parametrize("emission", ["known", "unknown"])
+def test_buoys_that_report_one_by_one_are_one_epoch(emission: str) -> None:
+    config = dataclasses.replace(CONFIG, emission=emission)
+    rng, apart, together = np.random.default_rng(12), ToaTracker(config, NET), ToaTracker(config, NET)
+    for k, state in enumerate(truth(rng)[:15]):
+        whole = ping(rng, state, k, emission=0.2 if emission == "unknown" else 0.0)
+        expected = together.update(whole)
+        for rows in (slice(6, 8), slice(0, 3), slice(0, 3), slice(3, 6)):  # shuffled, and one of them twice
+            columns = {name: getattr(whole, name)[rows] for name in ("receiver", "path", "time", "std", "snr")}
+            found = apart.update(dataclasses.replace(whole, **columns))
+        assert found is not None
+        assert expected is not None
+        assert found.mean == pytest.approx(expected.mean, abs=1e-4)
+        assert (found.used, found.rejected) == (expected.used, expected.rejected)
 
 
 def test_same_input_gives_the_same_bits() -> None:

@@ -78,3 +78,12 @@ def test_any_interleaving_within_the_lateness_gives_the_same_order(seed: int) ->
     released += list(sequencer.flush())
     assert released == everything
     assert sum(sequencer.late.values()) == 0
+
+
+def test_late_messages_are_handled_when_the_input_can_rewind() -> None:
+    sequencer = Sequencer(["a", "b"], 0, {"a": 2 * SECOND})
+    handled = [item for t_ns in (1, 5, 3, 2) for item in sequencer.push("a", t_ns * SECOND, t_ns)]
+    assert handled == [("a", 1), ("a", 5), ("a", 3)]
+    assert sequencer.late == {"a": 1, "b": 0}
+    assert list(sequencer.push("b", 4 * SECOND, 4)) == []
+    assert sequencer.late["b"] == 1

@@ -9,6 +9,7 @@ from uw_acoustic_loc.core.toa import ToaConfig
 from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Scalar
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Scenario, load_scenario
+from uw_acoustic_loc.stages.runner import Refusal, Runner
 from uw_acoustic_loc.stages.toa_tracker import ToaTrackerStage
 
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
@@ -94,6 +95,60 @@ def test_bad_rows_are_counted_under_their_names_and_the_rest_is_used() -> None:
     assert (values["not_finite"], values["negative_time"], values["unknown_receiver"]) == (1, 1, 1)
     assert values["last_used"] == 5
     assert np.all(np.isfinite(emissions[-3][1].position))
+
+
+def test_a_bag_with_every_kind_of_bad_row_gives_the_track_of_the_good_ones() -> None:
+    """Through the runner, as from a bag: messages swapped, repeated and too late; rows shuffled and spoilt."""
+    told: list[Refusal] = []
+    clean, spoilt = (Runner(lambda: ToaTrackerStage(CONFIG), 0.5, told.append) for _ in range(2))
+    rng, messages = np.random.default_rng(4), inputs_of(HARBOUR)
+    expected = [e for message in messages for e in clean.push(*message)]
+    bad = [messages[0], *(("buoys/arrivals", _spoilt(value, rng)) for _, value in messages[1:])]
+    bad[30], bad[31] = bad[31], bad[30]
+    bad[50:50] = [bad[49], bad[40]]  # once more, and far too late
+    found = [e for message in bad for e in spoilt.push(*message)]
+    last, true = _track(found), _track(expected)
+    assert len(last) == len(true) - 1  # the one that came late has no output of its own
+    assert all(last[t_ns] == pytest.approx(true[t_ns], abs=1e-3) for t_ns in last)
+    values, epochs = spoilt.stage.status().values, len(messages) - 1
+    names = ("not_finite", "negative_time", "std_not_positive", "unknown_receiver", "path_not_modelled")
+    assert {name: values[name] for name in names} == dict.fromkeys(names, epochs + 1)  # one message came twice
+    assert values["from_the_future"] == epochs + 1
+    assert values["repeated"] == epochs + 1
+    assert values["late_used"] == 1
+    assert spoilt.counts["buoys/arrivals", "late"] == 1
+    assert [refusal.sentence.split(" ", 2)[2] for refusal in told] == ["ns came after later stamps had been handled"]
+
+
+def test_a_stamp_from_the_future_does_not_stop_the_node() -> None:
+    runner, messages = Runner(lambda: ToaTrackerStage(CONFIG), 0.5, lambda _: None), inputs_of(HARBOUR)
+    ahead = dataclasses.replace(messages[20][1], t_ns=messages[20][1].t_ns + 10**13)  # type: ignore[type-var, attr-defined]
+    found = [e for m in [*messages[:20], ("buoys/arrivals", ahead), *messages[20:]] for e in runner.push(*m)]
+    expected = run(CONFIG, messages)[1]
+    end = messages[-1][1].t_ns  # type: ignore[attr-defined]
+    assert _track(found)[end] == pytest.approx(_track(expected)[end], abs=1.0)
+    assert runner.counts["", "restarts"] == 1
+
+
+def _track(emissions: list[Emission]) -> dict[int, np.ndarray]:
+    """The last position for each stamp."""
+    return {v.t_ns: v.position for topic, v in emissions if topic == "target/odometry"}
+
+
+def _spoilt(arrivals: Arrivals, rng: np.random.Generator) -> Arrivals:
+    """The rows in another order, one of them twice, and a bad one of each kind."""
+    n, nan = len(arrivals.time), float("nan")
+    columns = {name: getattr(arrivals, name) for name in ("receiver", "path", "time", "std", "snr")}
+    rows = rng.permutation([*range(n), 0])
+    kept = {name: column[rows] for name, column in columns.items()}
+    bad = {
+        "receiver": [1, 1, 1, 99, 1, 1],
+        "path": [1, 1, 1, 1, 3, 1],  # a buoy at the surface has no surface path
+        "time": [nan, -0.1, 0.3, 0.3, 0.3, 1e3],
+        "std": [1e-3, 1e-3, 0.0, 1e-3, 1e-3, 1e-3],
+        "snr": [20.0] * 6,
+    }
+    return Arrivals(arrivals.t_ns, *(np.append(kept[k], np.array(bad[k], kept[k].dtype)) for k in columns))
 
 
 def test_transmitters_are_no_receivers() -> None:

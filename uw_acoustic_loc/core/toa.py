@@ -7,13 +7,13 @@ with half the arrivals rejected for several epochs is acquired anew; the first e
 from __future__ import annotations
 
 from collections import Counter, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from .toa_cold_start import cold_prior, cold_starts, solve
 from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, predict
-from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, screen
+from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
 from .toa_update import absorb
 from .types import Array, Arrivals
 
@@ -32,6 +32,18 @@ class ToaEstimate:
     nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
 
 
+@dataclass(frozen=True, eq=False)
+class _Memory:
+    """All that changes from epoch to epoch."""
+
+    t_ns: int = 0
+    recent: tuple[Epoch, ...] = ()  # the last few
+    prior: tuple[Array, Array] | None = None  # of the first epoch, until the target has been acquired
+    estimate: ToaEstimate | None = None  # while tracking
+    misled: int = 0  # epochs in a row with half of the arrivals rejected, or more
+    counts: Counter[str] = field(default_factory=Counter)
+
+
 class ToaTracker:
     """Acquires the target from the last few epochs, then filters epoch by epoch.
 
@@ -41,72 +53,96 @@ class ToaTracker:
 
     def __init__(self, config: ToaConfig, net: Net) -> None:
         self._config, self._net = config, net
-        self._recent: deque[Epoch] = deque(maxlen=config.start_epochs)
-        self._prior = None if config.cold_start else _given_prior(config)
-        self._prior_t_ns = self._t_ns = 0
-        self._estimate: ToaEstimate | None = None  # while tracking
-        self._misled = 0  # epochs in a row with half of the arrivals rejected, or more
-        self.counts: Counter[str] = Counter()
+        self._now = _Memory(prior=None if config.cold_start else _given_prior(config))
+        self._history: deque[tuple[_Memory, Epoch]] = deque()  # what was known before an epoch, and the epoch
+        self._refused: Counter[str] = Counter()
 
     @property
     def tracking(self) -> bool:
         """False while the target is being acquired."""
-        return self._estimate is not None
+        return self._now.estimate is not None
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Arrivals used, gated and refused by reason; messages that came late; targets lost."""
+        counts = self._refused.copy()
+        counts.update(self._now.counts)
+        return counts
 
     def change(self, config: ToaConfig, net: Net) -> None:
         """Goes on with other parameters or other receivers; the state is kept."""
         self._config, self._net = config, net
-        self._recent.clear()
+        self._now = replace(self._now, recent=())
+        self._history.clear()
 
     def update(self, arrivals: Arrivals) -> ToaEstimate | None:
-        """The estimate at the stamp of `arrivals`, None while the target is not found.
+        """The estimate at the latest stamp that has been seen, None while the target is not found.
+
+        Late arrivals are put where they belong and the epochs after them are gone through again; those of a stamp
+        that has been seen belong to that epoch.
 
         Raises:
-            ValueError: a stamp before the last one.
+            ValueError: a stamp older than the last one by more than `rewind`.
         """
-        epoch, refused = screen(arrivals, self._net)
-        self._remember(epoch)
-        self.counts.update(refused)
-        estimate = self._track(epoch) if self._estimate else self._acquire()
-        if estimate:
-            self.counts.update(used=estimate.used, gated=estimate.rejected)
+        epoch, refused = screen(arrivals, self._net, self._config.max_delay)
+        later = self._taken_back(epoch.t_ns)
+        self._refused.update(refused)
+        if later and later[0].t_ns == epoch.t_ns:
+            epoch = merged(later.pop(0), epoch)
+        self._refused["late_used"] += bool(later)
+        for one in (epoch, *later):
+            estimate = self._step(one)
         return estimate
 
-    def _remember(self, epoch: Epoch) -> None:
-        if epoch.t_ns < self._t_ns:
-            age = (self._t_ns - epoch.t_ns) * 1e-9
-            raise ValueError(f"arrivals must not be older than the last epoch, got stamps {age:g} s older")
-        if self._recent and epoch.t_ns == self._t_ns:  # the buoys report one by one
-            epoch = _joined(self._recent.pop(), epoch)
-        self._t_ns = epoch.t_ns
-        self._recent.append(epoch)
+    def _taken_back(self, t_ns: int) -> list[Epoch]:
+        """Undoes all epochs from `t_ns` on, and returns them."""
+        age = (self._now.t_ns - t_ns) * 1e-9
+        if self._history and age > self._config.rewind:
+            raise ValueError(
+                f"arrivals must not be more than {self._config.rewind:g} s older than the last epoch, got {age:g} s"
+            )
+        undone: list[Epoch] = []
+        while self._history and self._history[-1][1].t_ns >= t_ns:
+            self._now, epoch = self._history.pop()
+            undone.insert(0, epoch)
+        return undone
+
+    def _step(self, epoch: Epoch) -> ToaEstimate | None:
+        self._history.append((self._now, epoch))
+        while self._history[0][1].t_ns < epoch.t_ns - self._config.rewind * 1e9:
+            self._history.popleft()
+        recent = (*self._now.recent, epoch)[-self._config.start_epochs :]
+        self._now = replace(self._now, t_ns=epoch.t_ns, recent=recent, counts=self._now.counts.copy())
+        estimate = self._track(epoch) if self._now.estimate else self._acquire()
+        if estimate:
+            self._now.counts.update(used=estimate.used, gated=estimate.rejected)
+        return estimate
 
     # --- acquiring ------------------------------------------------------------------------------------------------
 
     def _acquire(self) -> ToaEstimate | None:
-        labelled = [associate_by_order(epoch, self._net) for epoch in self._recent]
+        labelled = [associate_by_order(epoch, self._net) for epoch in self._now.recent]
         if not any(len(epoch.time) for epoch in labelled):
             return None
         estimate = self._solve(labelled, None)
-        if estimate and any(map(ambiguous, self._recent)):
-            estimate = self._solve([self._by_prediction(epoch, estimate) for epoch in self._recent], estimate.mean)
-        if len(self._recent) == self._recent.maxlen:
-            self._estimate, self._misled = estimate, 0
-            self._prior = None  # it has served, or it is wrong
+        if estimate and any(map(ambiguous, self._now.recent)):
+            estimate = self._solve([self._by_prediction(epoch, estimate) for epoch in self._now.recent], estimate.mean)
+        if len(self._now.recent) == self._config.start_epochs:  # the prior has served, or it is wrong
+            self._now = replace(self._now, estimate=estimate, misled=0, prior=None)
         return estimate
 
     def _solve(self, epochs: list[Epoch], start: Array | None) -> ToaEstimate | None:
         t_ns = epochs[-1].t_ns
-        self._prior_t_ns = self._prior_t_ns or t_ns
-        if self._prior:
-            mean, cov = predict(*self._prior, (t_ns - self._prior_t_ns) * 1e-9, self._config)
+        prior = self._now.prior
+        if prior:
+            mean, cov = predict(*prior, (t_ns - epochs[0].t_ns) * 1e-9, self._config)
             starts = mean[None]
         else:
             mean, cov = cold_prior(self._net, self._config)
             starts = cold_starts(self._net, mean)
         solution = solve(epochs, self._net, mean, cov, starts if start is None else start[None], self._config)
         needed = 3 if self._config.emission == "known" else 4
-        found = solution.used > solution.rejected and (bool(self._prior) or solution.receivers >= needed)
+        found = solution.used > solution.rejected and (bool(prior) or solution.receivers >= needed)
         if not found:
             return None
         return ToaEstimate(t_ns, solution.mean, solution.cov, solution.used, solution.rejected, solution.cost)
@@ -118,16 +154,16 @@ class ToaTracker:
     # --- tracking -------------------------------------------------------------------------------------------------
 
     def _track(self, epoch: Epoch) -> ToaEstimate | None:
-        assert self._estimate is not None
-        dt = (epoch.t_ns - self._estimate.t_ns) * 1e-9
-        mean, cov = predict(self._estimate.mean, self._estimate.cov, dt, self._config)
+        assert self._now.estimate is not None
+        dt = (epoch.t_ns - self._now.estimate.t_ns) * 1e-9
+        mean, cov = predict(self._now.estimate.mean, self._now.estimate.cov, dt, self._config)
         estimate = self._updated(self._associated(epoch, mean, cov), mean, cov)
-        self._misled = self._misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
-        self._estimate = estimate
-        if self._misled < self._config.lost_epochs:
+        misled = self._now.misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
+        self._now = replace(self._now, estimate=estimate, misled=misled)
+        if misled < self._config.lost_epochs:
             return estimate
-        self.counts["lost"] += 1
-        self._estimate = None
+        self._now.counts["lost"] += 1
+        self._now = replace(self._now, estimate=None)
         return self._acquire()
 
     def _associated(self, epoch: Epoch, mean: Array, cov: Array) -> Epoch:
@@ -140,7 +176,7 @@ class ToaTracker:
             return times, H[:, :STATES] @ cov @ H[:, :STATES].T
 
         found = associate(epoch, self._net, predictor, self._config.gate_sigma)
-        self.counts["unassociated"] += len(epoch.time) - len(found.time)
+        self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
         return found
 
     def _bias(self, epoch: Epoch, mean: Array) -> float:
@@ -196,8 +232,3 @@ def _curvature(slowness: Array, cov: Array, travel_time: Array) -> Array:
     speed2 = 1 / np.maximum(np.square(slowness).sum(axis=1), 1e-12)
     across = np.trace(cov) - ((slowness @ cov) * slowness).sum(axis=1) * speed2
     return np.asarray(across / (2 * speed2 * np.maximum(travel_time, 1e-6)))
-
-
-def _joined(a: Epoch, b: Epoch) -> Epoch:
-    receiver, path = np.concatenate([a.receiver, b.receiver]), np.concatenate([a.path, b.path])
-    return Epoch(a.t_ns, receiver, path, np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std]))

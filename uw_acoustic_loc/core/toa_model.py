@@ -38,6 +38,8 @@ class ToaConfig:
     max_depth: float = param(200.0, unit="m", low=0.1, doc="no target is deeper, nor below bottom_depth")
     start_epochs: int = param(5, low=1, high=50, doc="solved together at a start, before the filter goes on alone")
     lost_epochs: int = param(3, low=1, doc="in a row with half the arrivals rejected: the target is acquired anew")
+    max_delay: float = param(60.0, unit="s", low=1e-3, doc="of an arrival after the stamp; later ones are refused")
+    rewind: float = param(2.0, unit="s", low=0, high=60, doc="late arrivals are used if not later than this")
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")

@@ -7,6 +7,7 @@ of depth D, at z = 0 for the surface.
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -40,7 +41,7 @@ class Epoch:
         """(n, 3) where the arrivals seem to come to."""
         return np.asarray(net.images[self.path, self.receiver])
 
-    def rows(self, keep: AnyArray) -> Epoch:
+    def rows(self, keep: AnyArray | list[int]) -> Epoch:
         """The arrivals selected by a mask or by indices."""
         return Epoch(self.t_ns, self.receiver[keep], self.path[keep], self.time[keep], self.std[keep])
 
@@ -65,7 +66,7 @@ def make_net(ids: Sequence[int], positions: Array, bottom_depth: float) -> Net:
     return Net(index, images)
 
 
-def screen(arrivals: Arrivals, net: Net) -> tuple[Epoch, Counter[str]]:
+def screen(arrivals: Arrivals, net: Net, max_delay: float = math.inf) -> tuple[Epoch, Counter[str]]:
     """The usable rows, and how many were refused for which reason; a row is counted once."""
     receiver = np.array([net.index.get(name, -1) for name in arrivals.receiver.tolist()], dtype=np.intp)
     path = np.asarray(arrivals.path, dtype=np.intp)
@@ -77,13 +78,32 @@ def screen(arrivals: Arrivals, net: Net) -> tuple[Epoch, Counter[str]]:
     for reason, passed in (
         ("not_finite", np.isfinite(time) & np.isfinite(std)),
         ("negative_time", time >= 0),
+        ("from_the_future", time <= max_delay),
         ("std_not_positive", std > 0),
         ("unknown_receiver", receiver >= 0),
         ("path_not_modelled", modelled),
     ):
         refused[reason] = int(np.count_nonzero(good & ~passed))
         good &= passed
-    return Epoch(arrivals.t_ns, receiver, path, time, std).rows(good), +refused
+    usable = Epoch(arrivals.t_ns, receiver, path, time, std).rows(good)
+    epoch = _without_repetitions(usable)
+    refused["repeated"] = len(usable.time) - len(epoch.time)
+    return epoch, +refused
+
+
+def merged(a: Epoch, b: Epoch) -> Epoch:
+    """Two messages of one stamp: the receivers report one by one, or a message has come twice."""
+    receiver, path = np.concatenate([a.receiver, b.receiver]), np.concatenate([a.path, b.path])
+    both = Epoch(a.t_ns, receiver, path, np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std]))
+    return _without_repetitions(both)
+
+
+def _without_repetitions(epoch: Epoch) -> Epoch:
+    """Of rows with the same receiver, path and time the first."""
+    keys = list(zip(epoch.receiver.tolist(), epoch.path.tolist(), epoch.time.tolist(), strict=True))
+    if len(set(keys)) == len(keys):
+        return epoch
+    return epoch.rows([keys.index(key) for key in dict.fromkeys(keys)])
 
 
 def ambiguous(epoch: Epoch) -> bool:

@@ -41,7 +41,8 @@ class Runner:
         self.stage = make_stage()
         self._inputs = {i.topic: i for i in self.stage.inputs}
         streams = [i.topic for i in self.stage.inputs if not i.latched]
-        self._sequencer = Sequencer(streams, round(lateness * 1e9))
+        rewind_ns = {i.topic: round(i.rewind * 1e9) for i in self.stage.inputs}
+        self._sequencer = Sequencer(streams, round(lateness * 1e9), rewind_ns)
         self._latched: dict[str, Any] = {}
         self._held: deque[tuple[str, Any]] = deque()
 

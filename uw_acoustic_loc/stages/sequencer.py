@@ -7,7 +7,7 @@ has gone silent delays the others by that much of stamp time, never for ever.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 _NEW_RUN = 3  # messages in a row that lie before everything seen: the clock has been set back
@@ -15,9 +15,13 @@ _JUMP_NS = 1_000_000_000  # a smaller step back is a late message
 
 
 class Sequencer:
-    """`push` returns what may be handled now, in stamp order; equal stamps in the order of the inputs."""
+    """`push` returns what may be handled now, in stamp order; equal stamps in the order of the inputs.
 
-    def __init__(self, inputs: Sequence[str], lateness_ns: int) -> None:
+    A late message of an input in `rewind_ns` is handled when it comes, if it is not later than that.
+    """
+
+    def __init__(self, inputs: Sequence[str], lateness_ns: int, rewind_ns: Mapping[str, int] | None = None) -> None:
+        self._rewind_ns = dict(rewind_ns or {})
         self._rank = {topic: rank for rank, topic in enumerate(inputs)}
         self._lateness_ns = lateness_ns
         self.late: dict[str, int] = dict.fromkeys(inputs, 0)
@@ -38,6 +42,9 @@ class Sequencer:
 
     def push(self, topic: str, t_ns: int, value: Any) -> Iterator[tuple[str, Any]]:
         """Takes a message; yields (topic, value) of all that are now in order."""
+        if 0 < self._released - t_ns <= self._rewind_ns.get(topic, 0):
+            yield topic, value
+            return
         if t_ns < self._reached[topic] - _JUMP_NS and t_ns < self._released:
             self.late[topic] += 1
             self._old.append((topic, t_ns, value))

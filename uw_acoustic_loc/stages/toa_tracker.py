@@ -36,7 +36,8 @@ class ToaTrackerStage:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map")
+        rewind = self._config.rewind
+        arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map", rewind=rewind)
         if self._config.receiver_ids:
             return (arrivals,)
         return (Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=True), arrivals)
