@@ -6,7 +6,7 @@ import pytest
 
 from uw_acoustic_loc.contract import Emission, Status
 from uw_acoustic_loc.core.toa import ToaConfig
-from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Scalar
+from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Pressure, Scalar
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Scenario, load_scenario
 from uw_acoustic_loc.stages.runner import Refusal, Runner
@@ -149,6 +149,28 @@ def _spoilt(arrivals: Arrivals, rng: np.random.Generator) -> Arrivals:
         "snr": [20.0] * 6,
     }
     return Arrivals(arrivals.t_ns, *(np.append(kept[k], np.array(bad[k], kept[k].dtype)) for k in columns))
+
+
+@pytest.mark.parametrize("variance", [0.0, 4e4])
+def test_a_pressure_sensor_gives_the_depth(variance: float) -> None:
+    """200 Pa are 2 cm; the arrivals alone leave metres."""
+    config = dataclasses.replace(CONFIG, pressure_std=200.0)
+    rng, weight = np.random.default_rng(8), config.water_density * 9.80665
+    messages = inputs_of(HARBOUR)
+    for k in range(len(messages) - 1, 0, -1):
+        reading = Pressure(messages[k][1].t_ns - 10**8, 101_325 + 15 * weight + rng.normal(0, 200), variance)  # type: ignore[attr-defined]
+        messages.insert(k, ("pressure", reading))
+    found = [v for t, v in run(config, messages)[1] if t == "target/odometry"]
+    off = np.array([v.position[2] + 15 for v in found])
+    assert np.abs(off).max() < 0.15
+    assert 0.5 < np.mean([d**2 / v.pose_cov[2, 2] for d, v in zip(off, found, strict=True)]) < 1.5
+
+
+def test_a_broken_pressure_sensor_is_refused() -> None:
+    stage = ToaTrackerStage(dataclasses.replace(CONFIG, pressure_std=200.0))
+    assert [i.topic for i in stage.inputs] == ["buoys/positions", "pressure", "buoys/arrivals"]
+    with pytest.raises(ValueError, match="pressure must not be negative, got -1 Pa"):
+        list(stage.inputs[1].handle(Pressure(1, -1.0)))
 
 
 def test_transmitters_are_no_receivers() -> None:

@@ -42,6 +42,7 @@ VALUES = [
     t.Position(T_NS, RNG.normal(size=3), cov(3)),
     t.Point(T_NS, RNG.normal(size=3)),
     t.Scalar(T_NS, 1499.5),
+    t.Pressure(T_NS, 251_325.0, 400.0),
     t.Particles(T_NS, **rows("Particle")),
     t.NodePositions(T_NS, **rows("NodePosition")),
     t.Arrivals(T_NS, **rows("Arrival")),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .toa_cold_start import cold_prior, cold_starts, solve
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, predict
+from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
 from .toa_update import absorb
 from .types import Array, Arrivals
@@ -55,6 +55,7 @@ class ToaTracker:
         self._config, self._net = config, net
         self._now = _Memory(prior=None if config.cold_start else _given_prior(config))
         self._history: deque[tuple[_Memory, Epoch]] = deque()  # what was known before an epoch, and the epoch
+        self._height: tuple[int, float, float] | None = None
         self._refused: Counter[str] = Counter()
 
     @property
@@ -75,6 +76,10 @@ class ToaTracker:
         self._now = replace(self._now, recent=())
         self._history.clear()
 
+    def measure_height(self, t_ns: int, z: float, variance: float) -> None:
+        """A height of the target in m, from a pressure sensor say; it is used once, with the arrivals that follow."""
+        self._height = (t_ns, z, variance)
+
     def update(self, arrivals: Arrivals) -> ToaEstimate | None:
         """The estimate at the latest stamp that has been seen, None while the target is not found.
 
@@ -87,12 +92,21 @@ class ToaTracker:
         epoch, refused = screen(arrivals, self._net, self._config.max_delay)
         later = self._taken_back(epoch.t_ns)
         self._refused.update(refused)
+        epoch = replace(epoch, height=self._height_at(epoch.t_ns))
         if later and later[0].t_ns == epoch.t_ns:
             epoch = merged(later.pop(0), epoch)
         self._refused["late_used"] += bool(later)
         for one in (epoch, *later):
             estimate = self._step(one)
         return estimate
+
+    def _height_at(self, t_ns: int) -> tuple[float, float, float] | None:
+        """The last measured height with its variance and age, unless it is used or old."""
+        if self._height is None or not 0 <= t_ns - self._height[0] < _OLD_NS:
+            return None
+        measured_ns, z, variance = self._height
+        self._height = None
+        return z, variance, (t_ns - measured_ns) * 1e-9
 
     def _taken_back(self, t_ns: int) -> list[Epoch]:
         """Undoes all epochs from `t_ns` on, and returns them."""
@@ -140,6 +154,8 @@ class ToaTracker:
         else:
             mean, cov = cold_prior(self._net, self._config)
             starts = cold_starts(self._net, mean)
+        if epochs[-1].height:
+            mean, cov = with_height(mean, cov, *epochs[-1].height)
         solution = solve(epochs, self._net, mean, cov, starts if start is None else start[None], self._config)
         needed = 3 if self._config.emission == "known" else 4
         found = solution.used > solution.rejected and (bool(prior) or solution.receivers >= needed)
@@ -157,6 +173,8 @@ class ToaTracker:
         assert self._now.estimate is not None
         dt = (epoch.t_ns - self._now.estimate.t_ns) * 1e-9
         mean, cov = predict(self._now.estimate.mean, self._now.estimate.cov, dt, self._config)
+        if epoch.height:
+            mean, cov = with_height(mean, cov, *epoch.height)
         estimate = self._updated(self._associated(epoch, mean, cov), mean, cov)
         misled = self._now.misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
         self._now = replace(self._now, estimate=estimate, misled=misled)
@@ -200,6 +218,9 @@ class ToaTracker:
             a = absorb(_with_bias(cov), epoch.time - times - bend, H, noise, self._config.gate_sigma)
         rejected = len(epoch.time) - a.used
         return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
+
+
+_OLD_NS = 10_000_000_000  # a height is not used after that
 
 
 def _given_prior(config: ToaConfig) -> tuple[Array, Array]:

@@ -40,6 +40,9 @@ class ToaConfig:
     lost_epochs: int = param(3, low=1, doc="in a row with half the arrivals rejected: the target is acquired anew")
     max_delay: float = param(60.0, unit="s", low=1e-3, doc="of an arrival after the stamp; later ones are refused")
     rewind: float = param(2.0, unit="s", low=0, high=60, doc="late arrivals are used if not later than this")
+    pressure_std: float = param(0.0, unit="Pa", low=0, doc="of the target's `pressure` messages; 0 = there are none")
+    surface_pressure: float = param(101_325.0, unit="Pa", low=5e4, high=1.2e5, doc="of the air")
+    water_density: float = param(1025.0, unit="kg/m^3", low=950, high=1100)
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")
@@ -55,6 +58,23 @@ class ToaConfig:
         for name in ("initial_position", "initial_position_std", "initial_velocity", "initial_velocity_std"):
             if len(getattr(self, name)) != 3:
                 raise ValueError(f"{name} must have 3 elements, got {len(getattr(self, name))}")
+
+
+def height_from_pressure(pressure: float, variance: float, config: ToaConfig) -> tuple[float, float]:
+    """z in m and its variance from an absolute pressure in Pa; a variance of 0 is unknown, `pressure_std` stands in.
+
+    At 1e5 Pa above that of the air, in sea water: -9.95 m.
+    """
+    weight = config.water_density * _GRAVITY
+    return (config.surface_pressure - pressure) / weight, (variance or config.pressure_std**2) / weight**2
+
+
+def with_height(mean: Array, cov: Array, z: float, variance: float, age: float) -> tuple[Array, Array]:
+    """Mean and covariance after a measurement of what z was `age` s ago."""
+    PHt = cov[2] - age * cov[5]
+    S = PHt[2] - age * PHt[5] + variance
+    g = PHt / np.sqrt(S)
+    return mean + PHt * ((z - mean[2] + age * mean[5]) / S), cov - np.outer(g, g)
 
 
 def water_column(config: ToaConfig) -> tuple[float, float]:
@@ -126,3 +146,4 @@ def arrival_times(mean: Array, images: Array, bias: Array | float, lag: Array | 
 
 
 _ONES = np.ones(3)
+_GRAVITY = 9.80665  # m/s^2

@@ -36,6 +36,7 @@ class Epoch:
     path: AnyArray  # (n,)
     time: Array  # (n,) s
     std: Array  # (n,) s
+    height: tuple[float, float, float] | None = None  # z in m, its variance and age in s, if something measures it
 
     def images(self, net: Net) -> Array:
         """(n, 3) where the arrivals seem to come to."""
@@ -43,7 +44,9 @@ class Epoch:
 
     def rows(self, keep: AnyArray | list[int]) -> Epoch:
         """The arrivals selected by a mask or by indices."""
-        return Epoch(self.t_ns, self.receiver[keep], self.path[keep], self.time[keep], self.std[keep])
+        return Epoch(
+            self.t_ns, self.receiver[keep], self.path[keep], self.time[keep], self.std[keep], height=self.height
+        )
 
 
 def make_net(ids: Sequence[int], positions: Array, bottom_depth: float) -> Net:
@@ -94,8 +97,8 @@ def screen(arrivals: Arrivals, net: Net, max_delay: float = math.inf) -> tuple[E
 def merged(a: Epoch, b: Epoch) -> Epoch:
     """Two messages of one stamp: the receivers report one by one, or a message has come twice."""
     receiver, path = np.concatenate([a.receiver, b.receiver]), np.concatenate([a.path, b.path])
-    both = Epoch(a.t_ns, receiver, path, np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std]))
-    return _without_repetitions(both)
+    time, std = np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std])
+    return _without_repetitions(Epoch(a.t_ns, receiver, path, time, std, height=a.height or b.height))
 
 
 def _without_repetitions(epoch: Epoch) -> Epoch:

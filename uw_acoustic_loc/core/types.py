@@ -139,6 +139,16 @@ class Scalar:
     value: float
 
 
+@dataclass(frozen=True, eq=False)
+class Pressure:
+    """Absolute pressure, of the water at a vehicle."""
+
+    t_ns: int
+    pressure: float  # Pa
+    variance: float = 0.0  # Pa^2; 0 = unknown, as the message has it
+    frame_id: str = "base_link"
+
+
 # --- nets of buoys and sonars -------------------------------------------------------------------------------------
 
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Status
 from ..core.toa import ToaConfig, ToaEstimate, ToaTracker
+from ..core.toa_model import height_from_pressure
 from ..core.toa_paths import Net, make_net
-from ..core.types import Array, Arrivals, NodePositions, Odometry, Scalar
+from ..core.types import Array, Arrivals, NodePositions, Odometry, Pressure, Scalar
 
 UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of
 
@@ -38,9 +39,12 @@ class ToaTrackerStage:
     def inputs(self) -> tuple[Input, ...]:
         rewind = self._config.rewind
         arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map", rewind=rewind)
-        if self._config.receiver_ids:
-            return (arrivals,)
-        return (Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=True), arrivals)
+        inputs = [arrivals]
+        if self._config.pressure_std > 0:
+            inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
+        if not self._config.receiver_ids:
+            inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=True))
+        return tuple(inputs)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -72,6 +76,14 @@ class ToaTrackerStage:
         receivers = np.asarray(nodes.role) == NodePositions.RECEIVER
         ids = np.asarray(nodes.id)[receivers].tolist()
         self._use(make_net(ids, nodes.positions[receivers], self._config.bottom_depth))
+        yield from ()
+
+    def _on_pressure(self, measured: Pressure) -> Iterator[Emission]:
+        if measured.variance < 0 or measured.pressure < 0:
+            raise ValueError(f"pressure must not be negative, got {measured.pressure:g} Pa, {measured.variance:g} Pa^2")
+        if self._tracker:
+            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config)
+            self._tracker.measure_height(measured.t_ns, z, variance)
         yield from ()
 
     def _use(self, net: Net) -> None:

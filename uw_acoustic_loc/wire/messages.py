@@ -21,6 +21,7 @@ from ..core.types import (
     Odometry,
     Point,
     Position,
+    Pressure,
     Scalar,
     unknown,
 )
@@ -217,6 +218,22 @@ def point_to(make: Make, value: Point) -> Any:
 def point_from(msg: Any) -> Point:
     """From geometry_msgs/PointStamped."""
     return Point(stamp_ns(msg), _read_xyz("point", msg.point), msg.header.frame_id)
+
+
+def pressure_to(make: Make, value: Pressure) -> Any:
+    """sensor_msgs/FluidPressure."""
+    return make(
+        "sensor_msgs/msg/FluidPressure",
+        header=header(make, value.t_ns, value.frame_id),
+        fluid_pressure=float(value.pressure),
+        variance=float(value.variance),
+    )
+
+
+def pressure_from(msg: Any) -> Pressure:
+    """From sensor_msgs/FluidPressure."""
+    pressure, variance = _finite("fluid_pressure and variance", np.array([msg.fluid_pressure, msg.variance]))
+    return Pressure(stamp_ns(msg), float(pressure), float(variance), msg.header.frame_id)
 
 
 def scalar_to(make: Make, value: Scalar) -> Any:
