@@ -70,3 +70,10 @@ def test_a_step_back_widens_the_covariance_too() -> None:
 def test_config_says_what_is_wrong(values: dict[str, object], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         build(ToaConfig, values, "toa_tracker")
+
+
+def test_the_sound_speed_may_come_from_temperature_and_salinity() -> None:
+    assert ToaConfig(sound_speed=0.0, temperature=25.0, depth=1000.0).start_sound_speed == pytest.approx(1550.744)
+    assert ToaConfig(sound_speed=1480.0).start_sound_speed == 1480.0
+    with pytest.raises(ValueError, match="sound_speed must be 0 or at least 1350 m/s, got 343"):
+        ToaConfig(sound_speed=343.0)

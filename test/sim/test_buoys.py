@@ -150,3 +150,34 @@ def test_buoys_need_a_vehicle() -> None:
 def test_truth_kinds() -> None:
     assert isinstance(values(SCENARIO, "/truth/target/sound_speed")[0], Scalar)
     assert isinstance(values(SCENARIO, "/truth/mooring/m2/odometry")[0], Odometry)
+
+
+def times(scenario: Scenario) -> np.ndarray:
+    """(pings, arrivals)."""
+    return np.array([arrivals.time for arrivals in values(scenario, "buoys/arrivals")])
+
+
+def test_each_buoys_clock_has_its_own_offset_and_drift() -> None:
+    errors = times(with_buoys(clock_offset_std=0.01, clock_drift_std=1e-4)) - times(SCENARIO)
+    assert errors[:, :4] == pytest.approx(errors[:, 4:])  # the same clock for both paths
+    assert np.diff(errors, axis=0) == pytest.approx(np.tile(errors[1] - errors[0], (40, 1)))
+    assert len(np.unique(np.round(errors[0, :4], 9))) == 4
+    assert 0.002 < np.std(errors[0, :4]) < 0.03
+    assert 1e-5 < np.std((errors[1] - errors[0])[:4]) < 4e-4
+
+
+def test_impulses_are_early_or_late_and_leave_the_others_alone() -> None:
+    errors = times(with_buoys(impulse_fraction=0.2, impulse_scale=0.01)) - times(SCENARIO)
+    hit = errors != 0
+    assert hit.mean() == pytest.approx(0.2, abs=0.07)
+    assert (errors[hit] > 0).mean() == pytest.approx(0.5, abs=0.2)
+    assert np.median(np.abs(errors[hit])) == pytest.approx(0.01, rel=0.4)  # near the scale for alpha of 1.5
+
+
+def test_weak_arrivals_are_lost() -> None:
+    scenario = with_buoys(snr_distance=100.0, detection_threshold=-10.0)  # 20 dB at 100 m
+    assert all(len(arrivals.time) == 8 and arrivals.snr.min() > -10 for arrivals in values(scenario, "buoys/arrivals"))
+    far = values(with_buoys(scenario, detection_threshold=0.0), "buoys/arrivals")
+    assert {int(path) for arrivals in far for path in arrivals.path} == {Arrivals.DIRECT}  # the seabed takes 8 dB
+    direct = far[0].path == Arrivals.DIRECT
+    assert far[0].snr[direct][0] == pytest.approx(20 - 20 * np.log10(np.hypot(np.hypot(370, 380), 15) / 100), abs=1e-4)

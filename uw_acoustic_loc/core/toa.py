@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .toa_cold_start import cold_prior, cold_starts, solve
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, predict, with_height
+from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, curvature, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
 from .toa_update import absorb
 from .types import Array, Arrivals
@@ -207,7 +207,7 @@ class ToaTracker:
         """By one linear update; after a long gap, too curved for that, by iterations from the prediction."""
         bias = self._bias(epoch, mean)
         times, H = arrival_times(mean, epoch.images(self._net), bias, bias)
-        bend = _curvature(H[:, :3], cov[:3, :3], times - bias)
+        bend = curvature(H[:, :3], cov[:3, :3], times - bias)
         if np.any(bend > epoch.std):
             s = solve([epoch], self._net, mean, cov, _around(mean, cov), self._config)
             return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
@@ -225,7 +225,7 @@ _OLD_NS = 10_000_000_000  # a height is not used after that
 
 def _given_prior(config: ToaConfig) -> tuple[Array, Array]:
     std = np.array([*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std])
-    return np.array([*config.initial_position, *config.initial_velocity, config.sound_speed]), np.diag(std**2)
+    return np.array([*config.initial_position, *config.initial_velocity, config.start_sound_speed]), np.diag(std**2)
 
 
 def _with_bias(cov: Array) -> Array:
@@ -243,13 +243,3 @@ def _around(mean: Array, cov: Array) -> Array:
     for k, axis in enumerate((axes * 2 * np.sqrt(values)).T):
         starts[1 + 2 * k : 3 + 2 * k, :2] += np.outer([1, -1], axis)
     return starts
-
-
-def _curvature(slowness: Array, cov: Array, travel_time: Array) -> Array:
-    """(n,) mean excess of a travel time over that of the mean position: second order of the square root.
-
-    It keeps a poorly known direction (depth above a shallow net) from being taken for a measured one.
-    """
-    speed2 = 1 / np.maximum(np.square(slowness).sum(axis=1), 1e-12)
-    across = np.trace(cov) - ((slowness @ cov) * slowness).sum(axis=1) * speed2
-    return np.asarray(across / (2 * speed2 * np.maximum(travel_time, 1e-6)))

@@ -35,7 +35,7 @@ def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
     receivers = net.images[1]
     middle, half = water_column(config)
     spread = 10 * _extent(net) + 1000
-    mean = np.array([*receivers.mean(axis=0)[:2], middle, *config.initial_velocity, config.sound_speed])
+    mean = np.array([*receivers.mean(axis=0)[:2], middle, *config.initial_velocity, config.start_sound_speed])
     std = np.array([spread, spread, half, *config.initial_velocity_std, config.sound_speed_std])
     return mean, np.diag(std**2)
 
@@ -84,7 +84,7 @@ class _Problem:
     def scale(self, starts: Array) -> float:
         """By how many s the best of the start points may be wrong."""
         if len(starts) > 1:
-            return float(np.ptp(starts[:, 0])) / 6 / self._config.sound_speed
+            return float(np.ptp(starts[:, 0])) / 6 / self._config.start_sound_speed
         cov = np.linalg.inv(self._information[:STATES, :STATES])
         return float(np.sqrt(np.trace(cov[:3, :3]) + np.max(self._variance) * starts[0, 6] ** 2) / starts[0, 6])
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..config import param
+from .sound_speed import mackenzie
 from .types import Array
 
 STATES = 7
@@ -25,7 +26,10 @@ class ToaConfig:
     emission: str = param("known", choices=("known", "unknown"), doc="whether the stamp is the instant of emission")
     bottom_depth: float = param(0.0, unit="m", low=0, doc="flat seabed below z = 0; 0 = no bottom path")
     gate_sigma: float = param(3.5, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
-    sound_speed: float = param(1500.0, unit="m/s", low=1350, high=1650, doc="at the start")
+    sound_speed: float = param(1500.0, unit="m/s", low=0, high=1650, doc="at the start; 0 = by the temperature")
+    temperature: float = param(10.0, unit="deg C", low=-2, high=40, doc="for a sound_speed of 0")
+    salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for a sound_speed of 0")
+    depth: float = param(0.0, unit="m", low=0, high=8000, doc="of temperature and salinity, for a sound_speed of 0")
     sound_speed_std: float = param(2.0, unit="m/s", low=1e-3, doc="at the start")
     sound_speed_walk: float = param(0.3, unit="m/s per sqrt(s)", low=0, changeable=True)
     acceleration_noise: float = param(0.2, unit="m/s^2 per sqrt(Hz)", low=0, changeable=True, doc="horizontal")
@@ -47,7 +51,14 @@ class ToaConfig:
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")
 
+    @property
+    def start_sound_speed(self) -> float:
+        """m/s, as given or by Mackenzie 1981."""
+        return self.sound_speed or mackenzie(self.temperature, self.salinity, self.depth)
+
     def __post_init__(self) -> None:
+        if 0 < self.sound_speed < _SLOWEST:
+            raise ValueError(f"sound_speed must be 0 or at least {_SLOWEST:g} m/s, got {self.sound_speed:g}")
         if len(self.receiver_positions) != 3 * len(self.receiver_ids):
             raise ValueError(
                 f"receiver_positions must have 3 numbers for each of the {len(self.receiver_ids)} receiver_ids, "
@@ -145,5 +156,16 @@ def arrival_times(mean: Array, images: Array, bias: Array | float, lag: Array | 
     return length * (1 / c) + bias, rows.T
 
 
+def curvature(slowness: Array, cov: Array, travel_time: Array) -> Array:
+    """(n,) mean excess of a travel time over that of the mean position: second order of the square root.
+
+    It keeps a poorly known direction (depth above a shallow net) from being taken for a measured one.
+    """
+    speed2 = 1 / np.maximum(np.square(slowness).sum(axis=1), 1e-12)
+    across = np.trace(cov) - ((slowness @ cov) * slowness).sum(axis=1) * speed2
+    return np.asarray(across / (2 * speed2 * np.maximum(travel_time, 1e-6)))
+
+
 _ONES = np.ones(3)
 _GRAVITY = 9.80665  # m/s^2
+_SLOWEST = 1350.0  # m/s

@@ -13,13 +13,13 @@ from ..core.geometry import quat_from_yaw
 from ..core.impulsive import AlphaStable, ImpulsiveNoise
 from ..core.mooring import discretise
 from ..core.toa_paths import make_net
-from ..core.types import Array, Arrivals, NodePositions, Odometry, Point, Scalar
+from ..core.types import AnyArray, Array, Arrivals, NodePositions, Odometry, Point, Scalar
 from .environment import SoundSpeed
 from .scenario import Buoys, Mooring, Scenario, Vehicle
 from .trajectory import Trajectory
 
 PROCESSING = 0.01  # s from the last arrival of a ping to its message
-_PING_KEY, _MOORING_KEY = 0xB007, 0x3007  # of these sensors' random numbers
+_PING_KEY, _MOORING_KEY, _CLOCK_KEY, _IMPULSE_KEY = 0xB007, 0x3007, 0xC10C, 0x1397  # of these sensors' random numbers
 
 
 class BuoySource:
@@ -98,17 +98,39 @@ class _Pings:
         buoys, coefficient = self._buoys, self._scenario.environment.bottom_reflection
         paths = [Arrivals.DIRECT, Arrivals.BOTTOM] if coefficient else [Arrivals.DIRECT]
         images = self._net.images[paths].reshape(-1, 3)
-        time = np.linalg.norm(self._motion.positions[:, k] - images, axis=1) / self._sound_speed[k]
+        length = np.linalg.norm(self._motion.positions[:, k] - images, axis=1)
+        time = length / self._sound_speed[k] + np.tile(self._clock_errors(k), len(paths))
         time += rng.normal(0.0, buoys.toa_std, len(time))
         late = rng.random(len(time)) < buoys.outlier_fraction
         time += np.where(late, rng.exponential(buoys.outlier_mean, len(time)), 0.0)
+        time += self._impulses(k, len(time))
         heard = rng.random(len(time)) >= buoys.miss_fraction
         path = np.repeat(np.array(paths, np.uint8), len(self._ids))
-        loss_db = -20 * math.log10(abs(coefficient)) if coefficient else 0.0
-        snr = (buoys.snr_db - loss_db * (path == Arrivals.BOTTOM)).astype(np.float32)
+        snr = self._snr_db(path, length)
+        heard &= snr >= buoys.detection_threshold
         receiver = np.tile(np.array(self._ids, np.uint16), len(paths))
         std = np.full(len(time), buoys.toa_std, np.float32)
-        return Arrivals(t_ns, receiver[heard], path[heard], time[heard], std[heard], snr[heard])
+        return Arrivals(t_ns, receiver[heard], path[heard], time[heard], std[heard], snr[heard].astype(np.float32))
+
+    def _clock_errors(self, k: int) -> Array:
+        """(buoys,) by which the clocks are ahead at a ping, s."""
+        offset, drift = self._scenario.rng(_CLOCK_KEY).normal(0.0, 1.0, (2, len(self._ids)))
+        return np.asarray(self._buoys.clock_offset_std * offset + self._buoys.clock_drift_std * drift * self._times[k])
+
+    def _impulses(self, k: int, count: int) -> Array:
+        """(count,) alpha-stable errors of a few arrivals, s."""
+        if not self._buoys.impulse_fraction:
+            return np.zeros(count)
+        rng = self._scenario.rng(_IMPULSE_KEY, k)
+        noise = AlphaStable(self._buoys.impulse_alpha, scale=self._buoys.impulse_scale).draw(rng, count)
+        return np.where(rng.random(count) < self._buoys.impulse_fraction, noise, 0.0)
+
+    def _snr_db(self, path: AnyArray, length: Array) -> Array:
+        """(n,) of arrivals along paths (n,) of length (n,) m; less by the reflection's loss over the seabed."""
+        coefficient = abs(self._scenario.environment.bottom_reflection)
+        loss_db = -20 * math.log10(coefficient) if coefficient else 0.0
+        spreading = 20 * np.log10(length / self._buoys.snr_distance) if self._buoys.snr_distance else np.zeros(1)
+        return np.asarray(self._buoys.snr_db - loss_db * (path == Arrivals.BOTTOM) - spreading)
 
 
 def _mooring_events(scenario: Scenario, index: int) -> Iterator[Event]:

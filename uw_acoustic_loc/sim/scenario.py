@@ -112,8 +112,15 @@ class Buoys:
     toa_std: float = param(1e-3, unit="s", low=1e-9)
     outlier_fraction: float = param(0.0, low=0, high=1, doc="late arrivals")
     outlier_mean: float = param(0.1, unit="s", low=0, doc="mean lateness, exponential")
-    miss_fraction: float = param(0.0, low=0, high=1)
-    snr_db: float = param(20.0, unit="dB")
+    impulse_fraction: float = param(0.0, low=0, high=1, doc="arrivals with alpha-stable noise added, early or late")
+    impulse_alpha: float = param(1.5, low=0.1, high=2, doc="characteristic exponent of that noise, symmetric")
+    impulse_scale: float = param(0.005, unit="s", low=1e-9)
+    miss_fraction: float = param(0.0, low=0, high=1, doc="arrivals lost whatever their SNR")
+    snr_db: float = param(20.0, unit="dB", doc="of a direct arrival")
+    snr_distance: float = param(0.0, unit="m", low=0, doc="where snr_db is, falling as 1/r^2; 0 = it is everywhere")
+    detection_threshold: float = param(-100.0, unit="dB", doc="arrivals of less SNR are lost")
+    clock_offset_std: float = param(0.0, unit="s", low=0, doc="of each buoy, drawn once")
+    clock_drift_std: float = param(0.0, low=0, high=1e-3, doc="s per s, of each buoy, drawn once")
 
 
 @dataclass(frozen=True)
