@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.cli.main import main
-from uw_acoustic_loc.cli.studies import toa_figures
+from uw_acoustic_loc.cli.studies import toa_figures, toa_profile
 from uw_acoustic_loc.cli.studies import toa_trials as trials
 from uw_acoustic_loc.cli.studies.toa_result import Result
+from uw_acoustic_loc.sim.rays import LinearProfile
 
 KEYS = {
     "mean_m", "rmse_m", "rmse_after_10_m", "pcrb_after_10_m", "p95_max_m", "sound_speed_rmse", "nees_mean", "lost_runs",
@@ -68,3 +69,14 @@ def test_the_filter_as_published_fails_with_outliers_unless_it_has_its_gate():
     assert ungated["rmse_after_10_m"] > 4 * gated["rmse_after_10_m"]
     clean = trials.published(0.0, 1e6, 30, 6).numbers
     assert clean["rmse_after_10_m"] < 1.2 * clean["pcrb_after_10_m"]  # 30 runs: 2 sigma are 15 %
+
+
+def test_one_sound_speed_fits_even_water_and_takes_a_gradient_for_depth():
+    target = np.array([500.0, 800.0, -60.0])
+    error, misfit = toa_profile.fit(LinearProfile(1490.0, 0.0), target)
+    assert np.abs(error).max() < 1e-6
+    assert misfit < 1e-12
+    faster_below, _ = toa_profile.fit(LinearProfile(1490.0, 0.03), target)
+    faster_above, _ = toa_profile.fit(LinearProfile(1490.0, -0.03), target)
+    assert faster_below[2] < -4 < 4 < faster_above[2]
+    assert np.abs(np.stack([faster_below, faster_above])[:, :2]).max() < 1.5

@@ -157,6 +157,14 @@ def times(scenario: Scenario) -> np.ndarray:
     return np.array([arrivals.time for arrivals in values(scenario, "buoys/arrivals")])
 
 
+def test_a_gradient_bends_the_arrivals() -> None:
+    water = dataclasses.replace(SCENARIO.environment, sound_speed_gradient=-0.02)
+    bent = times(dataclasses.replace(SCENARIO, environment=water)) - times(SCENARIO)
+    assert np.all(bent[:, 4:] > bent[:, :4])  # the seabed's path leads through the slower water
+    mean_speed = 1500 - 0.02 * 7.5  # over the direct path from z = -15 to 0
+    assert bent[0, 0] == pytest.approx(times(SCENARIO)[0, 0] * (1500 / mean_speed - 1), rel=0.05)
+
+
 def test_each_buoys_clock_has_its_own_offset_and_drift() -> None:
     errors = times(with_buoys(clock_offset_std=0.01, clock_drift_std=1e-4)) - times(SCENARIO)
     assert errors[:, :4] == pytest.approx(errors[:, 4:])  # the same clock for both paths

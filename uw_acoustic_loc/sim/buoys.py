@@ -15,6 +15,7 @@ from ..core.mooring import discretise
 from ..core.toa_paths import make_net
 from ..core.types import AnyArray, Array, Arrivals, NodePositions, Odometry, Point, Scalar
 from .environment import SoundSpeed
+from .rays import LinearProfile
 from .scenario import Buoys, Mooring, Scenario, Vehicle
 from .trajectory import Trajectory
 
@@ -99,7 +100,7 @@ class _Pings:
         paths = [Arrivals.DIRECT, Arrivals.BOTTOM] if coefficient else [Arrivals.DIRECT]
         images = self._net.images[paths].reshape(-1, 3)
         length = np.linalg.norm(self._motion.positions[:, k] - images, axis=1)
-        time = length / self._sound_speed[k] + np.tile(self._clock_errors(k), len(paths))
+        time = self._travel_times(k, length) + np.tile(self._clock_errors(k), len(paths))
         time += rng.normal(0.0, buoys.toa_std, len(time))
         late = rng.random(len(time)) < buoys.outlier_fraction
         time += np.where(late, rng.exponential(buoys.outlier_mean, len(time)), 0.0)
@@ -111,6 +112,16 @@ class _Pings:
         receiver = np.tile(np.array(self._ids, np.uint16), len(paths))
         std = np.full(len(time), buoys.toa_std, np.float32)
         return Arrivals(t_ns, receiver[heard], path[heard], time[heard], std[heard], snr[heard].astype(np.float32))
+
+    def _travel_times(self, k: int, length: Array) -> Array:
+        """(n,) s of direct and then bottom paths, whose straight lengths are (n,) m."""
+        water, (x, y, z) = self._scenario.environment, self._motion.positions[:, k]
+        if not water.sound_speed_gradient:
+            return np.asarray(length / self._sound_speed[k])
+        profile = LinearProfile(float(self._sound_speed[k]), water.sound_speed_gradient)
+        flat, height = np.hypot(self._nodes[:, 0] - x, self._nodes[:, 1] - y), self._nodes[:, 2]
+        direct = profile.time(flat, z, height)
+        return np.concatenate([direct, profile.bottom_time(flat, z, height, water.depth)])[: len(length)]
 
     def _clock_errors(self, k: int) -> Array:
         """(buoys,) by which the clocks are ahead at a ping, s."""

@@ -19,6 +19,9 @@ class Environment:
     sound_speed: float = param(1500.0, unit="m/s", low=1350, high=1650, doc="mean")
     sound_speed_walk: float = param(0.3, unit="m/s per sqrt(s)", low=0, doc="random walk of the true sound speed")
     sound_speed_range: float = param(2.0, unit="m/s", low=0, doc="the walk stays within mean +- this")
+    sound_speed_gradient: float = param(
+        0.0, unit="1/s", low=-1, high=1, doc="with depth, for the buoys' arrivals; sound_speed is then that at z = 0"
+    )
     depth: float = param(40.0, unit="m", low=1, doc="flat seabed, below the surface at z = 0")
     surface_reflection: float = param(-0.7, low=-1, high=1, doc="amplitude coefficient")
     bottom_reflection: float = param(0.4, low=-1, high=1, doc="amplitude coefficient")

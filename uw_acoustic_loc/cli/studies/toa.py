@@ -10,6 +10,7 @@ import numpy as np
 
 from ..reproduce import Outcome
 from ..tables import Sheet
+from . import toa_profile
 from . import toa_trials as trials
 from .toa_result import SETTLED, Result
 
@@ -47,6 +48,7 @@ def _sheets(results: Results, runs: int, seed: int) -> Iterator[tuple[str, Sheet
     rows = tuple(_row(trials.VARIANTS[name].label, result) for name, result in results.items())
     yield "variants", Sheet("Variants", _COLUMNS, rows)
     yield "published", _published_sheet(results, runs, seed)
+    yield "profile", toa_profile.sheet()
 
 
 def _row(label: str, result: Result) -> tuple[str, ...]:
@@ -83,7 +85,7 @@ def _paper_sheet(results: Results) -> Sheet:
          f"{direct.numbers['mean_m']:.1f} m; depth {direct.split[1]:.1f} m RMSE after 10 steps"),
         ("position error below 5 m", "always", f"{100 * below.mean():.0f} % of the steps after the tenth"),
         ("sound speed error (sec. 4.3)", "1.5 m/s (1 sigma)", f"{nominal.numbers['sound_speed_rmse']:.2f} m/s"),
-        ("time for 50 frames", "below 1 s", "see docs/toa_tracker.md"),
+        ("time for 50 frames (sec. 4.3)", "below 1 s", "15 to 25 ms (benchmarks/bench_toa.py)"),
     )  # fmt: skip
     return Sheet("Beside the paper", ("", "published", "here"), rows)
 
