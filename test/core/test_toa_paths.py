@@ -60,7 +60,7 @@ def test_bad_rows_are_counted_by_reason_and_the_others_kept() -> None:
 
 def test_without_a_prediction_the_earliest_is_direct() -> None:
     epoch, _ = screen(rows([9, 7, 7, 9, 9], [0, 0, 0, B, 0], [0.9, 0.8, 0.2, 0.5, 0.4]), net())
-    found = associate_by_order(epoch, net())
+    found = associate_by_order(epoch)
     assert sorted(zip(found.receiver.tolist(), found.path.tolist(), found.time.tolist(), strict=True)) == [
         (0, D, 0.2),
         (0, B, 0.8),
@@ -80,21 +80,21 @@ def test_joint_assignment_finds_shifted_paths_and_leaves_the_rest() -> None:
     shift = 0.02  # common to both paths, as a wrong position is
     times = [direct + shift, bottom + shift, bottom + 0.4, direct - 0.1]
     epoch, _ = screen(rows([7] * 4, [0] * 4, times), net())
-    found = associate(epoch, net(), predictor, 3.0)
+    found = associate(epoch, predictor, 3.0)
     assert dict(zip(found.path.tolist(), found.time.tolist(), strict=True)) == {D: times[0], B: times[1]}
 
 
 def test_of_a_label_given_twice_the_expected_one_is_taken() -> None:
     direct = flown(net().images[D, 0])
     epoch, _ = screen(rows([7, 7], [D, D], [direct + 0.02, direct]), net())
-    found = associate(epoch, net(), predictor, 3.0)
+    found = associate(epoch, predictor, 3.0)
     assert (found.path.tolist(), found.time.tolist()) == ([D], [direct])
 
 
 def test_a_missing_direct_arrival_does_not_rename_the_bottom_one() -> None:
     epoch, _ = screen(rows([7], [0], [flown(net().images[B, 0])]), net())
-    assert associate(epoch, net(), predictor, 3.0).path.tolist() == [B]
-    assert associate_by_order(epoch, net()).path.tolist() == [D]
+    assert associate(epoch, predictor, 3.0).path.tolist() == [B]
+    assert associate_by_order(epoch).path.tolist() == [D]
 
 
 @pytest.mark.parametrize(
@@ -111,6 +111,6 @@ def test_a_net_that_cannot_be_is_refused(ids: list[int], positions: Array, sente
 
 
 def test_epoch_rows_keeps_columns_together() -> None:
-    epoch = Epoch(1, np.array([0, 1]), np.array([D, B]), np.array([0.1, 0.2]), np.array([1.0, 2.0]))
+    epoch = Epoch(1, net(), np.array([0, 1]), np.array([D, B]), np.array([0.1, 0.2]), np.array([1.0, 2.0]))
     kept = epoch.rows(np.array([1]))
     assert (kept.receiver.tolist(), kept.path.tolist(), kept.time.tolist(), kept.std.tolist()) == ([1], [B], [0.2], [2])

@@ -189,3 +189,13 @@ def test_weak_arrivals_are_lost() -> None:
     assert {int(path) for arrivals in far for path in arrivals.path} == {Arrivals.DIRECT}  # the seabed takes 8 dB
     direct = far[0].path == Arrivals.DIRECT
     assert far[0].snr[direct][0] == pytest.approx(20 - 20 * np.log10(np.hypot(np.hypot(370, 380), 15) / 100), abs=1e-4)
+
+
+def test_drifting_buoys_say_where_they_are() -> None:
+    scenario = with_buoys(drift_speed=0.5)
+    positions = np.array([value.positions for value in values(scenario, "buoys/positions")])
+    assert positions.shape == (41, 4, 3)
+    assert np.linalg.norm(positions[-1] - positions[0], axis=1) == pytest.approx(np.full(4, 20.0))
+    moved = times(scenario) - times(SCENARIO)
+    assert np.abs(moved[0]).max() < 1e-12
+    assert 0.5 * 20 / 1500 < np.abs(moved[-1]).max() < 20 / 1490

@@ -173,6 +173,21 @@ def test_a_broken_pressure_sensor_is_refused() -> None:
         list(stage.inputs[1].handle(Pressure(1, -1.0)))
 
 
+def test_drifting_buoys_are_followed() -> None:
+    assert HARBOUR.buoys
+    drifting = dataclasses.replace(HARBOUR, buoys=dataclasses.replace(HARBOUR.buoys, drift_speed=1.0))
+    truth = {v.t_ns: v.position for _, t, v in BuoySource(drifting).events() if t == "/truth/target/odometry"}
+    config = dataclasses.replace(CONFIG, moving_receivers=True)
+    runner = Runner(lambda: ToaTrackerStage(config), 0.5, lambda _: None)
+    found = [e for message in inputs_of(drifting) for e in runner.push(*message)] + list(runner.flush())
+    errors = {t_ns: np.linalg.norm(position - truth[t_ns]) for t_ns, position in _track(found).items()}
+    assert len(errors) == 121
+    assert np.mean(list(errors.values())[10:]) < 4.0
+    stale = run(CONFIG, [m for k, m in enumerate(inputs_of(drifting)) if k == 0 or m[0] == "buoys/arrivals"])[1]
+    last = max(truth)
+    assert np.linalg.norm(_track(stale)[last] - truth[last]) > 10.0
+
+
 def test_transmitters_are_no_receivers() -> None:
     positions = inputs_of(HARBOUR)[0][1]
     assert isinstance(positions, NodePositions)

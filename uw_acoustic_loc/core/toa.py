@@ -71,10 +71,8 @@ class ToaTracker:
         return counts
 
     def change(self, config: ToaConfig, net: Net) -> None:
-        """Goes on with other parameters or other receivers; the state is kept."""
+        """Goes on with other parameters, or with other receivers or receivers elsewhere from the next epoch on."""
         self._config, self._net = config, net
-        self._now = replace(self._now, recent=())
-        self._history.clear()
 
     def measure_height(self, t_ns: int, z: float, variance: float) -> None:
         """A height of the target in m, from a pressure sensor say; it is used once, with the arrivals that follow."""
@@ -135,7 +133,7 @@ class ToaTracker:
     # --- acquiring ------------------------------------------------------------------------------------------------
 
     def _acquire(self) -> ToaEstimate | None:
-        labelled = [associate_by_order(epoch, self._net) for epoch in self._now.recent]
+        labelled = [associate_by_order(epoch) for epoch in self._now.recent]
         if not any(len(epoch.time) for epoch in labelled):
             return None
         estimate = self._solve(labelled, None)
@@ -156,7 +154,7 @@ class ToaTracker:
             starts = cold_starts(self._net, mean)
         if epochs[-1].height:
             mean, cov = with_height(mean, cov, *epochs[-1].height)
-        solution = solve(epochs, self._net, mean, cov, starts if start is None else start[None], self._config)
+        solution = solve(epochs, mean, cov, starts if start is None else start[None], self._config)
         needed = 3 if self._config.emission == "known" else 4
         found = solution.used > solution.rejected and (bool(prior) or solution.receivers >= needed)
         if not found:
@@ -187,13 +185,13 @@ class ToaTracker:
     def _associated(self, epoch: Epoch, mean: Array, cov: Array) -> Epoch:
         if not ambiguous(epoch):
             return epoch
-        bias = self._bias(associate_by_order(epoch, self._net), mean)
+        bias = self._bias(associate_by_order(epoch), mean)
 
         def predictor(images: Array) -> tuple[Array, Array]:
             times, H = arrival_times(mean, images, bias, bias)
             return times, H[:, :STATES] @ cov @ H[:, :STATES].T
 
-        found = associate(epoch, self._net, predictor, self._config.gate_sigma)
+        found = associate(epoch, predictor, self._config.gate_sigma)
         self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
         return found
 
@@ -201,15 +199,15 @@ class ToaTracker:
         """Emission after the stamp in s; the median is right as long as most arrivals are."""
         if self._config.emission == "known" or not len(epoch.time):
             return 0.0
-        return float(np.median(epoch.time - arrival_times(mean, epoch.images(self._net), 0.0, 0.0)[0]))
+        return float(np.median(epoch.time - arrival_times(mean, epoch.images, 0.0, 0.0)[0]))
 
     def _updated(self, epoch: Epoch, mean: Array, cov: Array) -> ToaEstimate:
         """By one linear update; after a long gap, too curved for that, by iterations from the prediction."""
         bias = self._bias(epoch, mean)
-        times, H = arrival_times(mean, epoch.images(self._net), bias, bias)
+        times, H = arrival_times(mean, epoch.images, bias, bias)
         bend = curvature(H[:, :3], cov[:3, :3], times - bias)
         if np.any(bend > epoch.std):
-            s = solve([epoch], self._net, mean, cov, _around(mean, cov), self._config)
+            s = solve([epoch], mean, cov, _around(mean, cov), self._config)
             return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
         noise = np.square(epoch.std) + 2 * np.square(bend)
         if self._config.emission == "known":

@@ -50,12 +50,12 @@ def cold_starts(net: Net, prior: Array) -> Array:
     return starts
 
 
-def solve(epochs: Sequence[Epoch], net: Net, mean: Array, cov: Array, starts: Array, config: ToaConfig) -> Start:
+def solve(epochs: Sequence[Epoch], mean: Array, cov: Array, starts: Array, config: ToaConfig) -> Start:
     """The best solution from the most promising of `starts` (s, 7), given the prior mean (7,) and cov (7, 7).
 
     Prior, starts and solution belong to the last epoch's stamp; every arrival has its path.
     """
-    problem = _Problem(epochs, net, mean, cov, config)
+    problem = _Problem(epochs, mean, cov, config)
     scale = problem.scale(starts)
     if len(starts) > 1:
         starts = starts[np.argsort(problem.costs(starts, scale), kind="stable")[:3]]
@@ -65,9 +65,9 @@ def solve(epochs: Sequence[Epoch], net: Net, mean: Array, cov: Array, starts: Ar
 class _Problem:
     """Residuals and Gauss-Newton steps over all epochs; unknowns: the state, and each epoch's bias when unknown."""
 
-    def __init__(self, epochs: Sequence[Epoch], net: Net, mean: Array, cov: Array, config: ToaConfig) -> None:
+    def __init__(self, epochs: Sequence[Epoch], mean: Array, cov: Array, config: ToaConfig) -> None:
         self._config = config
-        self._images = np.concatenate([e.images(net) for e in epochs])
+        self._images = np.concatenate([e.images for e in epochs])
         self._time = np.concatenate([e.time for e in epochs])
         self._variance = np.concatenate([e.std**2 for e in epochs])
         self._receiver = np.concatenate([e.receiver for e in epochs])

@@ -47,6 +47,7 @@ class ToaConfig:
     pressure_std: float = param(0.0, unit="Pa", low=0, doc="of the target's `pressure` messages; 0 = there are none")
     surface_pressure: float = param(101_325.0, unit="Pa", low=5e4, high=1.2e5, doc="of the air")
     water_density: float = param(1025.0, unit="kg/m^3", low=950, high=1100)
+    moving_receivers: bool = param(False, doc="buoys/positions comes all the time, and is taken in stamp order")
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")

@@ -32,21 +32,22 @@ class Epoch:
     """The usable arrivals of one ping."""
 
     t_ns: int
+    net: Net  # as it was then
     receiver: AnyArray  # (n,) row in the net
     path: AnyArray  # (n,)
     time: Array  # (n,) s
     std: Array  # (n,) s
     height: tuple[float, float, float] | None = None  # z in m, its variance and age in s, if something measures it
 
-    def images(self, net: Net) -> Array:
+    @property
+    def images(self) -> Array:
         """(n, 3) where the arrivals seem to come to."""
-        return np.asarray(net.images[self.path, self.receiver])
+        return np.asarray(self.net.images[self.path, self.receiver])
 
     def rows(self, keep: AnyArray | list[int]) -> Epoch:
         """The arrivals selected by a mask or by indices."""
-        return Epoch(
-            self.t_ns, self.receiver[keep], self.path[keep], self.time[keep], self.std[keep], height=self.height
-        )
+        columns = (self.receiver[keep], self.path[keep], self.time[keep], self.std[keep])
+        return Epoch(self.t_ns, self.net, *columns, height=self.height)
 
 
 def make_net(ids: Sequence[int], positions: Array, bottom_depth: float) -> Net:
@@ -88,7 +89,7 @@ def screen(arrivals: Arrivals, net: Net, max_delay: float = math.inf) -> tuple[E
     ):
         refused[reason] = int(np.count_nonzero(good & ~passed))
         good &= passed
-    usable = Epoch(arrivals.t_ns, receiver, path, time, std).rows(good)
+    usable = Epoch(arrivals.t_ns, net, receiver, path, time, std).rows(good)
     epoch = _without_repetitions(usable)
     refused["repeated"] = len(usable.time) - len(epoch.time)
     return epoch, +refused
@@ -98,7 +99,7 @@ def merged(a: Epoch, b: Epoch) -> Epoch:
     """Two messages of one stamp: the receivers report one by one, or a message has come twice."""
     receiver, path = np.concatenate([a.receiver, b.receiver]), np.concatenate([a.path, b.path])
     time, std = np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std])
-    return _without_repetitions(Epoch(a.t_ns, receiver, path, time, std, height=a.height or b.height))
+    return _without_repetitions(Epoch(a.t_ns, a.net, receiver, path, time, std, height=a.height or b.height))
 
 
 def _without_repetitions(epoch: Epoch) -> Epoch:
@@ -115,13 +116,13 @@ def ambiguous(epoch: Epoch) -> bool:
     return bool((epoch.path == Arrivals.UNKNOWN).any() or len(set(keys.tolist())) < len(keys))
 
 
-def associate_by_order(epoch: Epoch, net: Net) -> Epoch:
+def associate_by_order(epoch: Epoch) -> Epoch:
     """Without a prediction: the earliest unlabelled arrival at a receiver is the direct one, then bottom, surface."""
     taken: set[tuple[int, int]] = set()
     path = np.zeros_like(epoch.path)
     labels, receivers = epoch.path.tolist(), epoch.receiver.tolist()
     for i in np.lexsort((epoch.time, epoch.path == Arrivals.UNKNOWN)).tolist():  # labelled ones first
-        options = [labels[i]] if labels[i] else _modelled(net, receivers[i])
+        options = [labels[i]] if labels[i] else _modelled(epoch.net, receivers[i])
         free = [p for p in options if (receivers[i], p) not in taken]
         if free:
             taken.add((receivers[i], free[0]))
@@ -129,7 +130,7 @@ def associate_by_order(epoch: Epoch, net: Net) -> Epoch:
     return replace(epoch, path=path).rows(path > 0)
 
 
-def associate(epoch: Epoch, net: Net, predictor: Predictor, gate_sigma: float) -> Epoch:
+def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> Epoch:
     """The most likely joint assignment at each receiver, an arrival to a path at most once and the other way round.
 
     The cost is the joint squared Mahalanobis distance, and gate_sigma^2 for each path that gets no arrival.
@@ -137,8 +138,8 @@ def associate(epoch: Epoch, net: Net, predictor: Predictor, gate_sigma: float) -
     path = np.zeros_like(epoch.path)
     for receiver in set(epoch.receiver.tolist()):
         rows = np.flatnonzero(epoch.receiver == receiver)
-        paths = _modelled(net, receiver)
-        times, cov = predictor(net.images[paths, receiver])
+        paths = _modelled(epoch.net, receiver)
+        times, cov = predictor(epoch.net.images[paths, receiver])
         cov[np.diag_indices(len(paths))] += np.square(epoch.std[rows]).mean()
         here = epoch.rows(rows)
         for p, i in zip(paths, _best(here, paths, times, cov, gate_sigma**2), strict=True):

@@ -20,7 +20,13 @@ from .scenario import Buoys, Mooring, Scenario, Vehicle
 from .trajectory import Trajectory
 
 PROCESSING = 0.01  # s from the last arrival of a ping to its message
-_PING_KEY, _MOORING_KEY, _CLOCK_KEY, _IMPULSE_KEY = 0xB007, 0x3007, 0xC10C, 0x1397  # of these sensors' random numbers
+_PING_KEY, _MOORING_KEY, _CLOCK_KEY, _IMPULSE_KEY, _DRIFT_KEY = (
+    0xB007,
+    0x3007,
+    0xC10C,
+    0x1397,
+    0xD21F,
+)  # of these sensors' random numbers
 
 
 class BuoySource:
@@ -66,17 +72,22 @@ class _Pings:
     def __init__(self, scenario: Scenario, buoys: Buoys, vehicle: Vehicle) -> None:
         self._scenario, self._buoys = scenario, buoys
         self._ids = [node.id for node in buoys.nodes]
-        self._nodes = np.array([[node.x, node.y, node.z] for node in buoys.nodes]).reshape(-1, 3)
-        self._net = make_net(self._ids, self._nodes, scenario.environment.depth)
+        nodes = np.array([[node.x, node.y, node.z] for node in buoys.nodes]).reshape(-1, 3)
+        make_net(self._ids, nodes, scenario.environment.depth)  # refuses ids that are repeated
         count = math.floor(scenario.duration / buoys.period + 1e-9) + 1
         self._times: Array = np.asarray(np.arange(count) * buoys.period)
+        course = scenario.rng(_DRIFT_KEY).uniform(0.0, 2 * np.pi, len(self._ids))
+        drift = buoys.drift_speed * np.stack([np.cos(course), np.sin(course), np.zeros(len(course))], axis=1)
+        self._nodes: Array = nodes + self._times[:, None, None] * drift  # (pings, buoys, 3)
         self._motion = Trajectory(vehicle).at(self._times)
         self._sound_speed = SoundSpeed(scenario).at(self._times)
 
     def positions(self) -> Iterator[Event]:
-        t_ns = self._scenario.start_ns
+        """Once, or at every ping where the buoys drift."""
         role = np.full(len(self._ids), NodePositions.RECEIVER, np.uint8)
-        yield t_ns, "buoys/positions", NodePositions(t_ns, np.array(self._ids, np.uint16), role, *self._nodes.T)
+        for k in range(len(self._times) if self._buoys.drift_speed else 1):
+            t_ns = self._scenario.t_ns(self._times[k])
+            yield t_ns, "buoys/positions", NodePositions(t_ns, np.array(self._ids, np.uint16), role, *self._nodes[k].T)
 
     def truth(self) -> Iterator[Event]:
         motion, cov = self._motion, np.zeros((6, 6))
@@ -98,7 +109,8 @@ class _Pings:
     def _heard(self, rng: np.random.Generator, k: int, t_ns: int) -> Arrivals:
         buoys, coefficient = self._buoys, self._scenario.environment.bottom_reflection
         paths = [Arrivals.DIRECT, Arrivals.BOTTOM] if coefficient else [Arrivals.DIRECT]
-        images = self._net.images[paths].reshape(-1, 3)
+        net = make_net(self._ids, self._nodes[k], self._scenario.environment.depth)
+        images = net.images[paths].reshape(-1, 3)
         length = np.linalg.norm(self._motion.positions[:, k] - images, axis=1)
         time = self._travel_times(k, length) + np.tile(self._clock_errors(k), len(paths))
         time += rng.normal(0.0, buoys.toa_std, len(time))
@@ -119,7 +131,8 @@ class _Pings:
         if not water.sound_speed_gradient:
             return np.asarray(length / self._sound_speed[k])
         profile = LinearProfile(float(self._sound_speed[k]), water.sound_speed_gradient)
-        flat, height = np.hypot(self._nodes[:, 0] - x, self._nodes[:, 1] - y), self._nodes[:, 2]
+        nodes = self._nodes[k]
+        flat, height = np.hypot(nodes[:, 0] - x, nodes[:, 1] - y), nodes[:, 2]
         direct = profile.time(flat, z, height)
         return np.concatenate([direct, profile.bottom_time(flat, z, height, water.depth)])[: len(length)]
 

@@ -122,6 +122,7 @@ class Buoys:
     snr_db: float = param(20.0, unit="dB", doc="of a direct arrival")
     snr_distance: float = param(0.0, unit="m", low=0, doc="where snr_db is, falling as 1/r^2; 0 = it is everywhere")
     detection_threshold: float = param(-100.0, unit="dB", doc="arrivals of less SNR are lost")
+    drift_speed: float = param(0.0, unit="m/s", low=0, high=5, doc="of every buoy, in a direction of its own")
     clock_offset_std: float = param(0.0, unit="s", low=0, doc="of each buoy, drawn once")
     clock_drift_std: float = param(0.0, low=0, high=1e-3, doc="s per s, of each buoy, drawn once")
 

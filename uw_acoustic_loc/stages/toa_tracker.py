@@ -43,7 +43,8 @@ class ToaTrackerStage:
         if self._config.pressure_std > 0:
             inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
         if not self._config.receiver_ids:
-            inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=True))
+            once = not self._config.moving_receivers
+            inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=once))
         return tuple(inputs)
 
     @property
