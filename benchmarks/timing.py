@@ -60,6 +60,6 @@ def _line(row: Row, own: float) -> bool:
         good, goal, shown = cost <= row.ours_within, f"<= {row.ours_within:g}", f"{cost:.2f} times its cost"
     shown = "" if row.seconds == own else shown
     print(
-        f"| {row.name} | {1e6 * row.seconds:.0f} | {shown} | {goal}{'' if good else ' **missed**'} | {row.accuracy} |"
+        f"| {row.name} | {1e6 * row.seconds:.3g} | {shown} | {goal}{'' if good else ' **missed**'} | {row.accuracy} |"
     )
     return good

@@ -50,10 +50,10 @@ class Grouping:
 
 def residuals_at(single: Likelihood, position: Array) -> tuple[Array, Array]:
     """Residuals (D, 2) of range sum and bearing at a position (2,), and their Jacobian (D, 2, 2) by the position."""
-    dx, dy, distance, ex, ey, total = (np.squeeze(leg, -1) for leg in single.legs(*position[:, None]))
+    legs = single.legs(*position[:, None])
+    turn = single.turn(*legs[:2])[:, 0]
+    dx, dy, distance, ex, ey, total = (np.squeeze(leg, -1) for leg in legs)
     ux, uy = dx / distance, dy / distance
-    cosine, sine = single.cosines[:, 0], single.sines[:, 0]
-    turn = np.arctan2(sine * ux - cosine * uy, cosine * ux + sine * uy)
     by_range = np.stack([ux + ex, uy + ey], axis=1)
     by_bearing = np.stack([-uy, ux], axis=1) / distance[:, None]
     return np.stack([single.ranges[:, 0] - total, turn], axis=1), np.stack([by_range, by_bearing], axis=1)

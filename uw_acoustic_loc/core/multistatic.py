@@ -28,7 +28,7 @@ from .multistatic_model import (
     single_fixes,
     single_information,
     skew_shift,
-    solve_2x2,
+    weighted_mean,
 )
 from .types import AnyArray, Array
 
@@ -148,7 +148,7 @@ def check_method(net: Net, method: str) -> None:
 def gaussian_likelihood(net: Net, ranges: Array, bearings: Array, noise: Noise) -> Likelihood:
     """Of range sums (N, M) whose bias is removed, and bearings (N, M)."""
     weights = noise.range_std[:, None] ** -2.0, noise.bearing_std[:, None] ** -2.0
-    return Likelihood(net.transmitter, net.receivers, ranges, np.cos(bearings), np.sin(bearings), *weights)
+    return Likelihood(net.transmitter, net.receivers, ranges, bearings, *weights)
 
 
 def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str) -> Array:
@@ -158,7 +158,7 @@ def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str)
         x, y, xx, xy, yy = _least_squares(gaussian)
         return np.array([x, y, xx, xy, yy, np.isfinite(x) & np.isfinite(y), 2 * gaussian.cost(x, y)])
     used = gaussian.without_bearings() if method == "ml_range" else gaussian
-    mode = _climb(used, *_start(gaussian))
+    mode = _climb(used, *_start(gaussian)) if method == "ml_range" else _search(gaussian)
     x, y, misfit = mode.x, mode.y, 2 * mode.cost
     if method == "ml_exact" and noise.rayleigh:
         used = replace(gaussian, ranges=ranges, scale=noise.range_std[:, None] * RAYLEIGH_SCALE)
@@ -172,8 +172,9 @@ def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str)
     return np.array([x, y, *cov, converged, misfit])
 
 
-_CHUNK = 32768  # receivers x fixes that are worked on at once: the arrays stay in the cache
+_CHUNK = 16384  # receivers x fixes that are worked on at once: the arrays stay in the cache
 _ITERATIONS, _MORE_ITERATIONS = 4, 20
+_STEPS, _SETTLED = 3, 1e-3
 _ARRIVED, _SMALL_DECREMENT = 1e-5, 1e-2  # squared distance to the optimum, in standard deviations of the fix
 _CANDIDATES = 6
 
@@ -190,6 +191,29 @@ def _least_squares(likelihood: Likelihood) -> tuple[Array, ...]:
     return x, y, xx, xy, yy
 
 
+def _search(likelihood: Likelihood) -> Moments:
+    """The optimum: a few steps from a closed-form start; with more care where they have not led to a good fit."""
+    x, y = closed_form(likelihood)
+    for _ in range(_STEPS):
+        at = likelihood.moments(x, y).moved()
+        x, y = at.x, at.y
+    dof = 2 * len(likelihood.receivers) - 2
+    good = (at.decrement() < _SETTLED) & (2 * at.cost < dof + 5 * math.sqrt(2 * dof))
+    late = np.flatnonzero(~good)
+    if not late.size:
+        return at
+    columns = likelihood.columns(late)
+    return at.put(late, _climb(columns, *_start(columns)))
+
+
+def closed_form(likelihood: Likelihood) -> Array:
+    """(2, M) positions near the optimum: the information-weighted mean of own fixes of evenly spread receivers."""
+    spread = np.linspace(0, len(likelihood.receivers) - 1, _CANDIDATES).round().astype(int)
+    few = likelihood.rows(np.unique(spread))
+    own = single_fixes(few)
+    return np.array(weighted_mean(single_information(few, *own), *own))
+
+
 def _start(likelihood: Likelihood) -> tuple[Array, Array]:
     """The likeliest of the receivers' own fixes and their information-weighted mean.
 
@@ -197,9 +221,8 @@ def _start(likelihood: Likelihood) -> tuple[Array, Array]:
     candidate is always good.
     """
     x, y = single_fixes(likelihood)
-    xx, xy, yy = single_information(likelihood, x, y)
-    pull_x, pull_y = (xx * x + xy * y).sum(axis=0), (xy * x + yy * y).sum(axis=0)
-    mean_x, mean_y = solve_2x2(xx.sum(axis=0), xy.sum(axis=0), yy.sum(axis=0), pull_x, pull_y)
+    information = xx, xy, yy = single_information(likelihood, x, y)
+    mean_x, mean_y = weighted_mean(information, x, y)
     if len(x) > _CANDIDATES:
         best = np.argpartition(xy * xy - xx * yy, _CANDIDATES, axis=0)[:_CANDIDATES]
         x, y = np.take_along_axis(x, best, axis=0), np.take_along_axis(y, best, axis=0)
@@ -212,17 +235,25 @@ def _start(likelihood: Likelihood) -> tuple[Array, Array]:
 def _climb(likelihood: Likelihood, x: Array, y: Array) -> Moments:
     """The optimum near (x, y): a few iterations for all, many more for the few that have not arrived."""
     at = _gauss_newton(likelihood, likelihood.moments(x, y), _ITERATIONS)
-    late = np.flatnonzero(~(at.decrement() < _ARRIVED))
+    late = np.flatnonzero(_underway(at))
     if not late.size:
         return at
     columns = likelihood.columns(late)
     return at.put(late, _gauss_newton(columns, columns.moments(at.x[late], at.y[late]), _MORE_ITERATIONS))
 
 
+def _underway(at: Moments) -> AnyArray:
+    """(M,) where the optimum is not reached; NaN is nowhere."""
+    underway: AnyArray = at.decrement() > _ARRIVED
+    return underway
+
+
 def _gauss_newton(likelihood: Likelihood, at: Moments, iterations: int) -> Moments:
     """Damped Gauss-Newton (eq. 11, 23, with Levenberg's damping): a step that does not lower the cost is not taken."""
     damping = np.full(at.x.shape, 1e-3)
     for _ in range(iterations):
+        if not _underway(at).any():
+            break
         step_x, step_y = at.step(damping)
         tried = likelihood.moments(at.x + step_x, at.y + step_y)
         better = tried.cost <= at.cost

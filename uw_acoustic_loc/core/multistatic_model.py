@@ -21,6 +21,13 @@ class Moments:
     xx: Array  # G^T R^-1 G
     xy: Array
     yy: Array
+    nearest: Array  # distance to the nearest receiver, in range_std
+
+    def moved(self) -> Moments:
+        """After a full Gauss-Newton step (eq. 11, 23); the cost to second order, the derivatives as before it."""
+        step_x, step_y = solve_2x2(self.xx, self.xy, self.yy, self.gx, self.gy)
+        cost = self.cost - 0.5 * (self.gx * step_x + self.gy * step_y)
+        return replace(self, x=self.x + step_x, y=self.y + step_y, cost=cost)
 
     def step(self, damping: Array) -> tuple[Array, Array]:
         """Damped Gauss-Newton step."""
@@ -62,8 +69,7 @@ class Likelihood:
     transmitter: Array  # (2,)
     receivers: Array  # (N, 2)
     ranges: Array  # (N, M); bias removed when Gaussian, as measured when Rayleigh
-    cosines: Array  # (N, M) of the bearings
-    sines: Array
+    bearings: Array  # (N, M)
     range_weight: Array  # (N, 1) 1 / m^2
     bearing_weight: Array  # (N, 1) 1 / rad^2; 0 = bearings do not count
     scale: Array = field(default_factory=_gaussian)  # (N, 1) m of Rayleigh range errors; empty = Gaussian
@@ -76,60 +82,75 @@ class Likelihood:
         """(M,) negative log-likelihood up to a constant."""
         dx, dy, _, _, _, total = self.legs(x, y)
         range_cost, _, _ = self._range_terms(self.ranges - total)
-        turn = np.arctan2(self.sines * dx - self.cosines * dy, self.cosines * dx + self.sines * dy)
+        turn = self.turn(dx, dy)
         cost: Array = (range_cost + 0.5 * self.bearing_weight * turn * turn).sum(axis=0)
         return cost
 
     def moments(self, x: Array, y: Array) -> Moments:
-        """Cost, descent direction and Gauss-Newton information at (x, y), each (M,).
+        """Cost, descent direction and information at (x, y), each (M,).
 
         Rows of G: the range sum's gradient is the sum of the unit vectors from transmitter and receiver (eq. 14), the
-        bearing's the unit vector across over the distance (eq. 20).
+        bearing's the unit vector across over the distance (eq. 20). Ranges and bearings are stacked (eq. 24), rows and
+        residuals z divided by their standard deviations.
         """
         dx, dy, distance, ex, ey, total = self.legs(x, y)
-        cost, score, weight = self._range_terms(self.ranges - total)
+        inverse = 1.0 / distance
+        ux, uy = dx * inverse, dy * inverse
+        Gx, Gy, z = (np.empty((2, *self.ranges.shape)) for _ in range(3))
+        cost, z[0], root = self._range_terms(self.ranges - total)
+        Gx[0], Gy[0] = root * (ux + ex), root * (uy + ey)
+        root = np.sqrt(self.bearing_weight)
+        z[1], lever = root * self.turn(dx, dy), root * inverse
+        Gx[1], Gy[1] = -lever * uy, lever * ux
+        sums = (_dot(*pair) for pair in ((Gx, z), (Gy, z), (Gx, Gx), (Gx, Gy), (Gy, Gy)))
+        nearest = (distance * np.sqrt(self.range_weight)).min(axis=0)
+        return Moments(x, y, cost.sum(axis=0) + 0.5 * _dot(z[1:], z[1:]), *sums, nearest)
+
+    def information(self, x: Array, y: Array, least: Array) -> tuple[Array, Array, Array]:
+        """(N, M) xx, xy, yy of each receiver's G^T R^-1 G; singular upon its baseline.
+
+        A distance below `least` (N, 1) counts as that.
+        """
+        dx, dy, distance, ex, ey, total = self.legs(x, y)
+        _, _, root = self._range_terms(self.ranges - total)
         ux, uy = dx / distance, dy / distance
-        gx, gy = ux + ex, uy + ey
-        turn = np.arctan2(self.sines * ux - self.cosines * uy, self.cosines * ux + self.sines * uy)
-        pull = self.bearing_weight * turn
-        across = pull / distance
-        information = _information(gx, gy, weight, ux, uy, self.bearing_weight / (distance * distance))
-        return Moments(
-            x,
-            y,
-            (cost + 0.5 * pull * turn).sum(axis=0),
-            (score * gx - across * uy).sum(axis=0),
-            (score * gy + across * ux).sum(axis=0),
-            *(term.sum(axis=0) for term in information),
-        )
+        gx, gy = root * (ux + ex), root * (uy + ey)
+        across = self.bearing_weight / np.maximum(distance, least) ** 2
+        turned = across * uy
+        return gx * gx + turned * uy, gx * gy - turned * ux, gy * gy + across * ux * ux
 
     def cov(self, at: Moments) -> tuple[Array, Array, Array]:
         """(M,) xx, xy, yy of the inverse information at a fix.
 
-        A fix knows its distance to a receiver no better than range_std, so that one upon a receiver must not take the
-        bearing for a sharp position: the bearing's lever is sqrt(distance^2 + range_std^2).
+        A fix knows its distance to a receiver no better than range_std, so one upon a receiver must not take the
+        bearing for a sharp position: distances count as range_std at least.
         """
-        dx, dy, distance, ex, ey, total = self.legs(at.x, at.y)
-        _, _, weight = self._range_terms(self.ranges - total)
-        ux, uy = dx / distance, dy / distance
-        across = self.bearing_weight / (distance * distance + 1.0 / self.range_weight)
-        information = _information(ux + ex, uy + ey, weight, ux, uy, across)
-        return inverse_2x2(*(term.sum(axis=0) for term in information))
+        cov = at.cov()
+        near = np.flatnonzero(at.nearest < 1.0)
+        columns = self.columns(near)
+        information = columns.information(at.x[near], at.y[near], 1.0 / np.sqrt(self.range_weight))
+        for term, better in zip(cov, inverse_2x2(*(part.sum(axis=0) for part in information)), strict=True):
+            term[near] = better
+        return cov
 
     def at_node(self, at: Moments) -> AnyArray:
         """(M,) where a fix lies upon a node, up to a fraction of range_std.
 
         The likelihood has a cusp there: a search may rightly end upon it with a gradient that is not zero.
         """
-        _, _, distance, _, _, total = self.legs(at.x, at.y)
-        nearest = np.minimum(distance, total - distance) * np.sqrt(self.range_weight)
-        upon: AnyArray = nearest.min(axis=0) < _UPON
+        outward = np.hypot(at.x - self.transmitter[0], at.y - self.transmitter[1]) * np.sqrt(self.range_weight.max())
+        upon: AnyArray = np.minimum(at.nearest, outward) < _UPON
         return upon
 
     def columns(self, chosen: AnyArray) -> Likelihood:
         """The same for some of the fixes."""
-        return replace(
-            self, ranges=self.ranges[:, chosen], cosines=self.cosines[:, chosen], sines=self.sines[:, chosen]
+        return replace(self, ranges=self.ranges[:, chosen], bearings=self.bearings[:, chosen])
+
+    def rows(self, chosen: AnyArray) -> Likelihood:
+        """The same with some of the receivers, ranges Gaussian."""
+        weights = self.range_weight[chosen], self.bearing_weight[chosen]
+        return Likelihood(
+            self.transmitter, self.receivers[chosen], self.ranges[chosen], self.bearings[chosen], *weights
         )
 
     def legs(self, x: Array, y: Array) -> tuple[Array, ...]:
@@ -140,15 +161,31 @@ class Likelihood:
         outward = np.sqrt(ex * ex + ey * ey) + _TINY
         return dx, dy, distance, ex / outward, ey / outward, distance + outward
 
+    def turn(self, dx: Array, dy: Array) -> Array:
+        """(N, M) measured bearing minus that of (dx, dy), in [-pi, pi]."""
+        turn = self.bearings - np.arctan2(dy, dx)
+        turn -= (2 * np.pi) * np.rint(turn / (2 * np.pi))
+        return turn
+
     def _range_terms(self, error: Array) -> tuple[Array, Array, Array]:
-        """(N, M) cost, minus its derivative by the range sum, and its second derivative."""
+        """(N, M) cost, its slope over the root of its curvature, and that root: error / std and 1 / std if Gaussian."""
         if not self.scale.size:
-            return 0.5 * self.range_weight * error * error, self.range_weight * error, self.range_weight
-        return rayleigh_terms(error, self.scale)
+            root = np.sqrt(self.range_weight)
+            z = root * error
+            return 0.5 * z * z, z, root
+        cost, slope, curvature = rayleigh_terms(error, self.scale)
+        root = np.sqrt(curvature)
+        return cost, slope / root, root
 
 
 _TINY = 1e-6  # m: keeps a position upon a receiver finite
 _UPON = 0.05  # range_std
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """(M,) sum over kinds and receivers."""
+    total: Array = np.einsum("knm,knm->m", a, b)
+    return total
 
 
 def rayleigh_terms(error: Array, scale: Array) -> tuple[Array, Array, Array]:
@@ -167,14 +204,6 @@ def rayleigh_terms(error: Array, scale: Array) -> tuple[Array, Array, Array]:
 _EDGE = 0.02  # 2e-4 of all errors are smaller
 
 
-def _information(
-    gx: Array, gy: Array, weight: Array, ux: Array, uy: Array, across: Array
-) -> tuple[Array, Array, Array]:
-    """(N, M) xx, xy, yy of G^T R^-1 G: range gradient (gx, gy), and across the unit vector (ux, uy)."""
-    along_x, turned = weight * gx, across * uy
-    return along_x * gx + turned * uy, along_x * gy - turned * ux, weight * gy * gy + across * ux * ux
-
-
 def skew_shift(likelihood: Likelihood, at: Moments) -> tuple[Array, Array]:
     """(M,) x and y from the mode of a Rayleigh likelihood to its mean, to third order (Lindley 1980).
 
@@ -188,22 +217,31 @@ def skew_shift(likelihood: Likelihood, at: Moments) -> tuple[Array, Array]:
     return solve_2x2(at.xx, at.xy, at.yy, -(pull * gx).sum(axis=0), -(pull * gy).sum(axis=0))
 
 
+def directions(bearings: Array) -> tuple[Array, Array]:
+    """Cosines and sines by the tangent of the half angle: numpy's tan is vectorised, its sin and cos are not."""
+    tangent = np.tan(0.5 * bearings)
+    share = 2.0 / (1.0 + tangent * tangent)
+    return share - 1.0, share * tangent
+
+
 def single_fixes(likelihood: Likelihood) -> tuple[Array, Array]:
     """(N, M) x and y: each receiver's own fix, the distance from the range sum along the bearing (eq. 1)."""
-    distance, _ = _receiver_distances(likelihood)
-    x = likelihood.receivers[:, :1] + distance * likelihood.cosines
-    return x, likelihood.receivers[:, 1:] + distance * likelihood.sines
+    cosines, sines = directions(likelihood.bearings)
+    distance, _ = _receiver_distances(likelihood, cosines, sines)
+    x = likelihood.receivers[:, :1] + distance * cosines
+    return x, likelihood.receivers[:, 1:] + distance * sines
 
 
 def single_information(likelihood: Likelihood, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """(N, M) xx, xy, yy of each receiver's information at its own fix; singular upon its baseline."""
-    ex, ey = x - likelihood.transmitter[0], y - likelihood.transmitter[1]
-    outward = np.sqrt(ex * ex + ey * ey) + _TINY
-    ux, uy = likelihood.cosines, likelihood.sines
-    gx, gy = ux + ex / outward, uy + ey / outward
-    distance, _ = _receiver_distances(likelihood)
-    across = likelihood.bearing_weight / (distance * distance + 1.0 / likelihood.range_weight)
-    return _information(gx, gy, likelihood.range_weight, ux, uy, across)
+    """(N, M) xx, xy, yy of each receiver's information at its own fix (N, M), see `Likelihood.cov`."""
+    return likelihood.information(x, y, 1.0 / np.sqrt(likelihood.range_weight))
+
+
+def weighted_mean(information: tuple[Array, Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
+    """(M,) mean of the rows of x and y (N, M), weighted with the information (xx, xy, yy) of each."""
+    xx, xy, yy = information
+    pull_x, pull_y = (xx * x + xy * y).sum(axis=0), (xy * x + yy * y).sum(axis=0)
+    return solve_2x2(xx.sum(axis=0), xy.sum(axis=0), yy.sum(axis=0), pull_x, pull_y)
 
 
 def circle_differences(likelihood: Likelihood) -> tuple[Array, Array]:
@@ -212,23 +250,23 @@ def circle_differences(likelihood: Likelihood) -> tuple[Array, Array]:
     (b^2 + r_T^2 - R^2) / 2 = (b^2 + r^2) / 2 - r R, with r_T = r - R and both known from one receiver.
     """
     bx, by = (likelihood.receivers - likelihood.transmitter).T[:, :, None]
-    r = likelihood.ranges
-    distance, denominator = _receiver_distances(likelihood)
+    r, (cosines, sines) = likelihood.ranges, directions(likelihood.bearings)
+    distance, denominator = _receiver_distances(likelihood, cosines, sines)
     right_side = 0.5 * (bx * bx + by * by + r * r) - r * distance
     by_range = (r - distance) * (1.0 - r / denominator)
-    by_bearing = r * distance * (by * likelihood.cosines - bx * likelihood.sines) / denominator
+    by_bearing = r * distance * (by * cosines - bx * sines) / denominator
     return right_side, by_range**2 / likelihood.range_weight + by_bearing**2 / likelihood.bearing_weight
 
 
-def _receiver_distances(likelihood: Likelihood) -> tuple[Array, Array]:
+def _receiver_distances(likelihood: Likelihood, cosines: Array, sines: Array) -> tuple[Array, Array]:
     """(N, M) distance from receiver to target R = (r^2 - b^2) / (2 (r + b cos)), and the denominator's half.
 
-    b is the baseline; a range sum below it gives R = 0.
+    b is the baseline; a range sum below it gives an R of next to nothing, which leaves the bearing its direction.
     """
     bx, by = (likelihood.receivers - likelihood.transmitter).T[:, :, None]
     r, square = likelihood.ranges, bx * bx + by * by
-    denominator = np.maximum(r + bx * likelihood.cosines + by * likelihood.sines, _TINY + 1e-3 * np.abs(r))
-    return np.maximum(r * r - square, 0.0) / (2 * denominator), denominator
+    denominator = np.maximum(r + bx * cosines + by * sines, _TINY + 1e-3 * np.abs(r))
+    return np.maximum(r * r - square, 1.0) / (2 * denominator), denominator
 
 
 def solve_2x2(xx: Array, xy: Array, yy: Array, bx: Array, by: Array) -> tuple[Array, Array]:
