@@ -85,7 +85,9 @@ def contest(count: int, seconds: float) -> int:
     ranges, bearings = (m + e for m, e in zip(net.measure(targets), noise.draw(rng, (len(targets),)), strict=True))
     bound = position_error(cramer_rao(net, targets, noise))
     few = rng.choice(len(targets), PEERS, replace=False)
-    starts = dict(zip(few.tolist(), closed_form(gaussian_likelihood(net, ranges[:, few], bearings[:, few], noise)).T, strict=True))
+    starts = dict(
+        zip(few.tolist(), closed_form(gaussian_likelihood(net, ranges[:, few], bearings[:, few], noise)).T, strict=True)
+    )
 
     def solved(solve: Solve, k: int) -> np.ndarray:
         return solve(starts[k], ranges[:, k], bearings[:, k])

@@ -157,7 +157,7 @@ def test_no_run_is_lost_near_baselines_transmitter_and_receiver(target):
 @pytest.mark.parametrize(
     ("method", "rayleigh", "low", "high"),
     [("ml_range_bearing", True, 1, 1), ("ml_range_bearing", False, 1, 1), ("ml_range", True, 1, 1),
-     ("ls", False, 1, 1), ("ml_exact", True, 0.85, 1)],
+     ("ls", False, 1, 1), ("ml_exact", True, 1, 1), ("ml_exact", False, 1, 1)],
 )  # fmt: skip
 def test_covariance_is_honest(method, rayleigh, low, high):
     runs = 3000

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.multistatic import RAYLEIGH_SCALE, Net, Noise, gaussian_likelihood
-from uw_acoustic_loc.core.multistatic_model import rayleigh_terms, skew_shift
+from uw_acoustic_loc.core.multistatic_model import directions, posterior, rayleigh_terms
 
 
 def likelihoods():
@@ -43,7 +43,7 @@ def test_rayleigh_terms_are_derivatives_of_each_other_and_continue_beyond_the_ed
     assert cost[4] == pytest.approx(u * u / 2 - math.log(u))
 
 
-def test_skew_shift_leads_from_the_mode_to_the_mean_of_the_likelihood():
+def test_posterior_is_the_mean_and_covariance_of_the_normalised_likelihood():
     exact = likelihoods()["exact"]
     exact = replace(exact, bearing_weight=exact.bearing_weight / 25)  # 0.1 rad: the ranges decide
     at = exact.moments(np.array([1500.0]), np.array([800.0]))
@@ -55,6 +55,24 @@ def test_skew_shift_leads_from_the_mode_to_the_mean_of_the_likelihood():
     x, y = at.x + offsets[0], at.y + offsets[1]
     inside = np.all(exact.ranges > exact.legs(x, y)[-1], axis=0)  # the density has a hard edge
     weights = np.where(inside, np.exp(at.cost - exact.cost(x, y)), 0.0)
-    to_mean = offsets @ weights / weights.sum()
-    shift = np.array(skew_shift(exact, at))[:, 0]
-    assert np.linalg.norm(shift - to_mean) < 0.1 * np.linalg.norm(to_mean)
+    to_mean, cov = offsets @ weights / weights.sum(), np.cov(offsets, aweights=weights, ddof=0)
+    mx, my, xx, xy, yy = (float(term[0]) for term in posterior(exact, at))
+    assert np.linalg.norm(to_mean) > 5
+    np.testing.assert_allclose([mx - at.x[0], my - at.y[0]], to_mean, atol=0.05 * np.linalg.norm(to_mean))
+    np.testing.assert_allclose([[xx, xy], [xy, yy]], cov, atol=0.03 * np.trace(cov))
+
+
+def test_posterior_of_a_peak_between_its_points_is_the_mode():
+    gaussian = likelihoods()["gaussian"]
+    x, y = np.array([1500.0]), np.array([800.0])
+    dx, dy, *_, total = gaussian.legs(x, y)
+    wide = replace(gaussian, ranges=total, bearings=np.arctan2(dy, dx))
+    at = wide.moments(x, y)
+    peaked = replace(wide, range_weight=1e8 * wide.range_weight, bearing_weight=1e8 * wide.bearing_weight)
+    np.testing.assert_array_equal(posterior(peaked, at), [x, y, *at.cov()])
+    np.testing.assert_allclose(posterior(wide, at)[2:], at.cov(), rtol=0.03)
+
+
+def test_directions_are_cosine_and_sine():
+    angles = np.array([-np.pi, -1.5, -1e-9, 0.0, 0.5 * np.pi, 3.0, np.pi, 7.0])
+    np.testing.assert_allclose(directions(angles), [np.cos(angles), np.sin(angles)], atol=1e-14)

@@ -9,14 +9,14 @@ whose standard deviation is range_std. Its scale is range_std / sqrt(2 - pi/2); 
 
 Methods: `ls`, pseudo-inverse of the linearised circles (eq. 1-4); `ml_range`, Taylor iteration on range sums (eq. 5-16;
 bearings only choose where it starts); `ml_range_bearing`, both stacked (eq. 23-25); `ml_exact`, the Rayleigh and
-Gaussian likelihood itself: its mode, moved to its mean to third order, because the mode of a skewed likelihood is
-biased (its covariance is the mode's, some 5 to 15 % too large). Equation numbers are those of the comparison of LS,
-ML_dist and ML_proposed in docs/multistatic.md.
+Gaussian likelihood itself: its mean and covariance, because the mode of a skewed likelihood is biased. Equation numbers
+are those of the comparison of LS, ML_dist and ML_proposed in docs/multistatic.md.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,9 +25,9 @@ from .multistatic_model import (
     Likelihood,
     Moments,
     circle_differences,
+    posterior,
     single_fixes,
     single_information,
-    skew_shift,
     weighted_mean,
 )
 from .types import AnyArray, Array
@@ -123,11 +123,13 @@ def locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str =
     check_method(net, method)
     shape, size = ranges.shape[1:], math.prod(ranges.shape[1:])
     flat = ranges.reshape(count, size), bearings.reshape(count, size)
-    out = np.empty((7, size))
+    out = np.zeros((7, size))
     step = max(1, _CHUNK // count)
-    for first in range(0, size, step):
-        part = slice(first, first + step)
-        out[:, part] = _locate(net, flat[0][:, part], flat[1][:, part], noise, method)
+    for search in (_careful,) if method == "ml_range" else (_quick, _careful):
+        left = np.flatnonzero(out[5] == 0)
+        for first in range(0, left.size, step):
+            part = left[first : first + step]
+            out[:, part] = _locate(net, flat[0][:, part], flat[1][:, part], noise, method, search)
     cov = np.moveaxis(out[[2, 3, 3, 4]].reshape(2, 2, *shape), (0, 1), (-2, -1))
     positions = np.moveaxis(out[:2].reshape(2, *shape), 0, -1)
     return Fixes(positions, cov, out[5].reshape(shape) > 0, out[6].reshape(shape))
@@ -151,31 +153,28 @@ def gaussian_likelihood(net: Net, ranges: Array, bearings: Array, noise: Noise) 
     return Likelihood(net.transmitter, net.receivers, ranges, bearings, *weights)
 
 
-def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str) -> Array:
+def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str, search: Search) -> Array:
     """(7, M): x, y, cov xx xy yy, converged, misfit."""
     gaussian = gaussian_likelihood(net, ranges - noise.bias[:, None], bearings, noise)
     if method == "ls":
-        x, y, xx, xy, yy = _least_squares(gaussian)
-        return np.array([x, y, xx, xy, yy, np.isfinite(x) & np.isfinite(y), 2 * gaussian.cost(x, y)])
+        x, y, *cov = _least_squares(gaussian)
+        return np.array([x, y, *cov, np.isfinite(x) & np.isfinite(y), 2 * gaussian.cost(x, y)])
     used = gaussian.without_bearings() if method == "ml_range" else gaussian
-    mode = _climb(used, *_start(gaussian)) if method == "ml_range" else _search(gaussian)
-    x, y, misfit = mode.x, mode.y, 2 * mode.cost
+    mode, arrived = search(used, gaussian)
     if method == "ml_exact" and noise.rayleigh:
-        used = replace(gaussian, ranges=ranges, scale=noise.range_std[:, None] * RAYLEIGH_SCALE)
-        mode = _climb(used, x, y)
-        dx, dy = skew_shift(used, mode)
-        x, y = mode.x + dx, mode.y + dy
+        exact = replace(gaussian, ranges=ranges, scale=noise.range_std[:, None] * RAYLEIGH_SCALE)
+        x, y, *cov = posterior(exact, _climb(exact, mode.x, mode.y))
         misfit = 2 * gaussian.cost(x, y)
-    cov = used.cov(mode)
-    arrived = (mode.decrement() < _SMALL_DECREMENT) | used.at_node(mode)
-    converged = arrived & np.isfinite(cov[0])
-    return np.array([x, y, *cov, converged, misfit])
+    else:
+        x, y, cov, misfit = mode.x, mode.y, [*used.cov(mode)], 2 * mode.cost
+    return np.array([x, y, *cov, arrived & np.isfinite(cov[0]), misfit])
 
 
+Search = Callable[[Likelihood, Likelihood], tuple[Moments, AnyArray]]  # used, the one to start from -> fix, arrived
 _CHUNK = 16384  # receivers x fixes that are worked on at once: the arrays stay in the cache
+_STEPS, _SETTLED = 3, 1e-3  # of the quick search: squared length of its last step, in standard deviations of the fix
 _ITERATIONS, _MORE_ITERATIONS = 4, 20
-_STEPS, _SETTLED = 3, 1e-3
-_ARRIVED, _SMALL_DECREMENT = 1e-5, 1e-2  # squared distance to the optimum, in standard deviations of the fix
+_THERE, _ARRIVED = 1e-5, 1e-2  # squared distance to the optimum: where damped steps end, and what is good enough
 _CANDIDATES = 6
 
 
@@ -191,19 +190,20 @@ def _least_squares(likelihood: Likelihood) -> tuple[Array, ...]:
     return x, y, xx, xy, yy
 
 
-def _search(likelihood: Likelihood) -> Moments:
-    """The optimum: a few steps from a closed-form start; with more care where they have not led to a good fit."""
-    x, y = closed_form(likelihood)
+def _quick(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
+    """A few plain steps from a closed-form start; arrived only where they have settled upon a good fit."""
+    x, y = closed_form(start)
     for _ in range(_STEPS):
-        at = likelihood.moments(x, y).moved()
+        at = used.moments(x, y).moved()
         x, y = at.x, at.y
-    dof = 2 * len(likelihood.receivers) - 2
-    good = (at.decrement() < _SETTLED) & (2 * at.cost < dof + 5 * math.sqrt(2 * dof))
-    late = np.flatnonzero(~good)
-    if not late.size:
-        return at
-    columns = likelihood.columns(late)
-    return at.put(late, _climb(columns, *_start(columns)))
+    dof = 2 * len(used.receivers) - 2
+    return at, (at.decrement() < _SETTLED) & (2 * at.cost < dof + 5 * math.sqrt(2 * dof))
+
+
+def _careful(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
+    """Damped steps from the best of several candidates."""
+    at = _climb(used, *_start(start))
+    return at, (at.decrement() < _ARRIVED) | used.at_node(at)
 
 
 def closed_form(likelihood: Likelihood) -> Array:
@@ -244,7 +244,7 @@ def _climb(likelihood: Likelihood, x: Array, y: Array) -> Moments:
 
 def _underway(at: Moments) -> AnyArray:
     """(M,) where the optimum is not reached; NaN is nowhere."""
-    underway: AnyArray = at.decrement() > _ARRIVED
+    underway: AnyArray = at.decrement() > _THERE
     return underway
 
 

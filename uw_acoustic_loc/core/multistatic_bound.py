@@ -21,7 +21,8 @@ def cramer_rao(net: Net, targets: Array, noise: Noise, *, bearings: bool = True)
     ranges, angles = net.measure(targets.reshape(size, 2))
     likelihood = gaussian_likelihood(net, ranges, angles, noise)
     used = likelihood if bearings else likelihood.without_bearings()
-    information = used.information(*targets.reshape(size, 2).T, least=np.zeros(1))
+    x, y = targets.reshape(size, 2).T
+    information = used.information(x, y, np.zeros(1))
     xx, xy, yy = inverse_2x2(*(term.sum(axis=0) for term in information))
     return np.moveaxis(np.array([[xx, xy], [xy, yy]]).reshape(2, 2, *shape), (0, 1), (-2, -1))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -102,9 +103,9 @@ class Likelihood:
         root = np.sqrt(self.bearing_weight)
         z[1], lever = root * self.turn(dx, dy), root * inverse
         Gx[1], Gy[1] = -lever * uy, lever * ux
-        sums = (_dot(*pair) for pair in ((Gx, z), (Gy, z), (Gx, Gx), (Gx, Gy), (Gy, Gy)))
+        cost = cost.sum(axis=0) + 0.5 * _dot(z[1:], z[1:])
         nearest = (distance * np.sqrt(self.range_weight)).min(axis=0)
-        return Moments(x, y, cost.sum(axis=0) + 0.5 * _dot(z[1:], z[1:]), *sums, nearest)
+        return Moments(x, y, cost, _dot(Gx, z), _dot(Gy, z), _dot(Gx, Gx), _dot(Gx, Gy), _dot(Gy, Gy), nearest)
 
     def information(self, x: Array, y: Array, least: Array) -> tuple[Array, Array, Array]:
         """(N, M) xx, xy, yy of each receiver's G^T R^-1 G; singular upon its baseline.
@@ -204,17 +205,36 @@ def rayleigh_terms(error: Array, scale: Array) -> tuple[Array, Array, Array]:
 _EDGE = 0.02  # 2e-4 of all errors are smaller
 
 
-def skew_shift(likelihood: Likelihood, at: Moments) -> tuple[Array, Array]:
-    """(M,) x and y from the mode of a Rayleigh likelihood to its mean, to third order (Lindley 1980).
+def posterior(likelihood: Likelihood, mode: Moments) -> tuple[Array, ...]:
+    """(M,) mean x, y and covariance xx, xy, yy of the normalised likelihood, summed over a lattice around its mode.
 
-    The mode of a skewed density is a biased estimate; the mean has the least square error.
+    Of all estimates it has the least square error, if every position is as likely before. Upon a receiver the
+    likelihood may have a peak between the points of the lattice: then the mode stays.
     """
-    dx, dy, distance, ex, ey, total = likelihood.legs(at.x, at.y)
-    gx, gy = dx / distance + ex, dy / distance + ey
-    xx, xy, yy = at.cov()
-    spread = xx * gx * gx + 2 * xy * gx * gy + yy * gy * gy
-    pull = spread * np.maximum(likelihood.ranges - total, _EDGE * likelihood.scale) ** -3.0
-    return solve_2x2(at.xx, at.xy, at.yy, -(pull * gx).sum(axis=0), -(pull * gy).sum(axis=0))
+    xx, xy, yy = likelihood.cov(mode)
+    along = np.sqrt(xx)
+    slant = xy / along
+    across = np.sqrt(yy - slant * slant)
+    sums = np.zeros((6, mode.x.size))
+    for first, second in _LATTICE:
+        dx, dy = first * along, first * slant + second * across
+        weight = np.exp(np.minimum(mode.cost - likelihood.cost(mode.x + dx, mode.y + dy), 1.0))
+        sums += weight * np.array([np.ones_like(dx), dx, dy, dx * dx, dx * dy, dy * dy])
+    mx, my, sxx, sxy, syy = sums[1:] / np.maximum(sums[0], 1e-100)
+    found = np.array([mode.x + mx, mode.y + my, sxx - mx * mx, sxy - mx * my, syy - my * my])
+    return tuple(np.where(sums[0] > _PEAK, found, [mode.x, mode.y, xx, xy, yy]))
+
+
+def _lattice(spacing: float, radius: float) -> Array:
+    """(K, 2) points of a square lattice within a circle around the middle of a cell."""
+    steps = np.arange(0.5 - math.ceil(radius), math.ceil(radius)) * spacing
+    points = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    inside: Array = points[np.hypot(*points.T) <= radius]
+    return inside
+
+
+_LATTICE = _lattice(1.0, 3.9)  # standard deviations
+_PEAK = 2.0  # least sum of the lattice's weights over the mode's; 6.3 for a Gaussian
 
 
 def directions(bearings: Array) -> tuple[Array, Array]:
