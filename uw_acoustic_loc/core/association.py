@@ -6,7 +6,8 @@ from collections.abc import Set as AbstractSet
 
 import numpy as np
 
-from .multistatic_model import Likelihood, single_fixes, single_information
+from .multistatic_model import Likelihood
+from .multistatic_start import single_fixes, single_information
 from .track import chi_square_limit
 from .types import AnyArray, Array
 

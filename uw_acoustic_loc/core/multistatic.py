@@ -21,15 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .multistatic_model import (
-    Likelihood,
-    Moments,
-    circle_differences,
-    posterior,
-    single_fixes,
-    single_information,
-    weighted_mean,
-)
+from .multistatic_model import Likelihood, Moments, posterior
+from .multistatic_start import closed_form, least_squares, likeliest_start
 from .types import AnyArray, Array
 
 METHODS = ("ls", "ml_range", "ml_range_bearing", "ml_exact")
@@ -157,7 +150,7 @@ def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str,
     """(7, M): x, y, cov xx xy yy, converged, misfit."""
     gaussian = gaussian_likelihood(net, ranges - noise.bias[:, None], bearings, noise)
     if method == "ls":
-        x, y, *cov = _least_squares(gaussian)
+        x, y, *cov = least_squares(gaussian)
         return np.array([x, y, *cov, np.isfinite(x) & np.isfinite(y), 2 * gaussian.cost(x, y)])
     used = gaussian.without_bearings() if method == "ml_range" else gaussian
     mode, arrived = search(used, gaussian)
@@ -175,19 +168,6 @@ _CHUNK = 16384  # receivers x fixes that are worked on at once: the arrays stay 
 _STEPS, _SETTLED = 3, 1e-3  # of the quick search: squared length of its last step, in standard deviations of the fix
 _ITERATIONS, _MORE_ITERATIONS = 4, 20
 _THERE, _ARRIVED = 1e-5, 1e-2  # squared distance to the optimum: where damped steps end, and what is good enough
-_CANDIDATES = 6
-
-
-def _least_squares(likelihood: Likelihood) -> tuple[Array, ...]:
-    """x, y, cov xx xy yy: each receiver's circle minus the transmitter's (eq. 3), by pseudo-inverse (eq. 4).
-
-    The right sides are independent, so the covariance is the pseudo-inverse's propagation of their variances.
-    """
-    inverse = np.linalg.pinv(likelihood.receivers - likelihood.transmitter)
-    right_side, variance = circle_differences(likelihood)
-    x, y = inverse @ right_side + likelihood.transmitter[:, None]
-    xx, xy, yy = np.stack([inverse[0] ** 2, inverse[0] * inverse[1], inverse[1] ** 2]) @ variance
-    return x, y, xx, xy, yy
 
 
 def _quick(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
@@ -202,34 +182,8 @@ def _quick(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
 
 def _careful(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
     """Damped steps from the best of several candidates."""
-    at = _climb(used, *_start(start))
+    at = _climb(used, *likeliest_start(start))
     return at, (at.decrement() < _ARRIVED) | used.at_node(at)
-
-
-def closed_form(likelihood: Likelihood) -> Array:
-    """(2, M) positions near the optimum: the information-weighted mean of own fixes of evenly spread receivers."""
-    spread = np.linspace(0, len(likelihood.receivers) - 1, _CANDIDATES).round().astype(int)
-    few = likelihood.rows(np.unique(spread))
-    own = single_fixes(few)
-    return np.array(weighted_mean(single_information(few, *own), *own))
-
-
-def _start(likelihood: Likelihood) -> tuple[Array, Array]:
-    """The likeliest of the receivers' own fixes and their information-weighted mean.
-
-    One receiver's fix is worthless near its baseline, where the mean of all and the linear fix fail too; some
-    candidate is always good.
-    """
-    x, y = single_fixes(likelihood)
-    information = xx, xy, yy = single_information(likelihood, x, y)
-    mean_x, mean_y = weighted_mean(information, x, y)
-    if len(x) > _CANDIDATES:
-        best = np.argpartition(xy * xy - xx * yy, _CANDIDATES, axis=0)[:_CANDIDATES]
-        x, y = np.take_along_axis(x, best, axis=0), np.take_along_axis(y, best, axis=0)
-    xs, ys = np.vstack([x, mean_x]), np.vstack([y, mean_y])
-    costs = np.array([likelihood.cost(*candidate) for candidate in zip(xs, ys, strict=True)])
-    best = np.argmin(costs, axis=0)[None]
-    return np.take_along_axis(xs, best, axis=0)[0], np.take_along_axis(ys, best, axis=0)[0]
 
 
 def _climb(likelihood: Likelihood, x: Array, y: Array) -> Moments:

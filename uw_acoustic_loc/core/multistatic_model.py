@@ -237,58 +237,6 @@ _LATTICE = _lattice(1.0, 3.9)  # standard deviations
 _PEAK = 2.0  # least sum of the lattice's weights over the mode's; 6.3 for a Gaussian
 
 
-def directions(bearings: Array) -> tuple[Array, Array]:
-    """Cosines and sines by the tangent of the half angle: numpy's tan is vectorised, its sin and cos are not."""
-    tangent = np.tan(0.5 * bearings)
-    share = 2.0 / (1.0 + tangent * tangent)
-    return share - 1.0, share * tangent
-
-
-def single_fixes(likelihood: Likelihood) -> tuple[Array, Array]:
-    """(N, M) x and y: each receiver's own fix, the distance from the range sum along the bearing (eq. 1)."""
-    cosines, sines = directions(likelihood.bearings)
-    distance, _ = _receiver_distances(likelihood, cosines, sines)
-    x = likelihood.receivers[:, :1] + distance * cosines
-    return x, likelihood.receivers[:, 1:] + distance * sines
-
-
-def single_information(likelihood: Likelihood, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """(N, M) xx, xy, yy of each receiver's information at its own fix (N, M), see `Likelihood.cov`."""
-    return likelihood.information(x, y, 1.0 / np.sqrt(likelihood.range_weight))
-
-
-def weighted_mean(information: tuple[Array, Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
-    """(M,) mean of the rows of x and y (N, M), weighted with the information (xx, xy, yy) of each."""
-    xx, xy, yy = information
-    pull_x, pull_y = (xx * x + xy * y).sum(axis=0), (xy * x + yy * y).sum(axis=0)
-    return solve_2x2(xx.sum(axis=0), xy.sum(axis=0), yy.sum(axis=0), pull_x, pull_y)
-
-
-def circle_differences(likelihood: Likelihood) -> tuple[Array, Array]:
-    """(N, M) right sides of eq. 3 with the transmitter as origin, and their variances.
-
-    (b^2 + r_T^2 - R^2) / 2 = (b^2 + r^2) / 2 - r R, with r_T = r - R and both known from one receiver.
-    """
-    bx, by = (likelihood.receivers - likelihood.transmitter).T[:, :, None]
-    r, (cosines, sines) = likelihood.ranges, directions(likelihood.bearings)
-    distance, denominator = _receiver_distances(likelihood, cosines, sines)
-    right_side = 0.5 * (bx * bx + by * by + r * r) - r * distance
-    by_range = (r - distance) * (1.0 - r / denominator)
-    by_bearing = r * distance * (by * cosines - bx * sines) / denominator
-    return right_side, by_range**2 / likelihood.range_weight + by_bearing**2 / likelihood.bearing_weight
-
-
-def _receiver_distances(likelihood: Likelihood, cosines: Array, sines: Array) -> tuple[Array, Array]:
-    """(N, M) distance from receiver to target R = (r^2 - b^2) / (2 (r + b cos)), and the denominator's half.
-
-    b is the baseline; a range sum below it gives an R of next to nothing, which leaves the bearing its direction.
-    """
-    bx, by = (likelihood.receivers - likelihood.transmitter).T[:, :, None]
-    r, square = likelihood.ranges, bx * bx + by * by
-    denominator = np.maximum(r + bx * cosines + by * sines, _TINY + 1e-3 * np.abs(r))
-    return np.maximum(r * r - square, 1.0) / (2 * denominator), denominator
-
-
 def solve_2x2(xx: Array, xy: Array, yy: Array, bx: Array, by: Array) -> tuple[Array, Array]:
     """Solution of the symmetric positive semidefinite system; 0 where it is singular."""
     determinant = xx * yy - xy * xy
