@@ -59,7 +59,7 @@ def test_posterior_is_the_mean_and_covariance_of_the_normalised_likelihood():
     to_mean, cov = offsets @ weights / weights.sum(), np.cov(offsets, aweights=weights, ddof=0)
     mx, my, xx, xy, yy = (float(term[0]) for term in posterior(exact, at))
     assert np.linalg.norm(to_mean) > 5
-    np.testing.assert_allclose([mx - at.x[0], my - at.y[0]], to_mean, atol=0.03 * np.sqrt(np.trace(cov)))
+    np.testing.assert_allclose([mx - at.x[0], my - at.y[0]], to_mean, atol=0.05 * np.sqrt(np.trace(cov)))
     np.testing.assert_allclose([[xx, xy], [xy, yy]], cov, atol=0.06 * np.trace(cov))
 
 
