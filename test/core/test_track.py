@@ -5,7 +5,9 @@ import pytest
 
 from uw_acoustic_loc.core.track import Sighting, Track, Tracker, TrackRules, assign, chi_square_limit
 
-RULES = TrackRules(process_noise=0.01, speed_std=5.0, gate=4.0, confirm_hits=3, confirm_pings=4, coast_time=30.0)
+RULES = TrackRules(
+    process_noise=0.01, manoeuvre_noise=0.01, speed_std=5.0, gate=4.0, confirm_hits=3, confirm_pings=4, coast_time=30.0
+)
 SECOND = 1_000_000_000
 PERIOD = 4
 
@@ -58,7 +60,7 @@ def test_tracks_are_honest_from_their_first_sighting_on():
     from scipy.stats import chi2
 
     runs, pings, q = 150, 12, 0.05
-    rules = TrackRules(q, 5.0, 8.0, 1, 1, 1e9)
+    rules = TrackRules(q, q, 5.0, 8.0, 1, 1, 1e9)
     rng = np.random.default_rng(3)
     nees = np.zeros((runs, pings))
     for run in range(runs):

@@ -31,6 +31,9 @@ class MultistaticConfig:
     process_noise: float = param(
         0.01, unit="m^2/s^3", low=0, changeable=True, doc="spectral density of a target's acceleration, per axis"
     )
+    manoeuvre_noise: float = param(
+        0.3, unit="m^2/s^3", low=0, changeable=True, doc="the same while sightings show that a target manoeuvres"
+    )
     speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
     confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many fixes ...")
     confirm_pings: int = param(4, low=1, high=100, doc="... in this many pings")
@@ -47,7 +50,13 @@ class MultistaticConfig:
     def rules(self) -> TrackRules:
         """What the tracker needs of this."""
         return TrackRules(
-            self.process_noise, self.speed_std, self.gate, self.confirm_hits, self.confirm_pings, self.coast_time
+            self.process_noise,
+            self.manoeuvre_noise,
+            self.speed_std,
+            self.gate,
+            self.confirm_hits,
+            self.confirm_pings,
+            self.coast_time,
         )
 
 

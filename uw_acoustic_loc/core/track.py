@@ -25,6 +25,7 @@ class TrackRules:
     """How tracks begin, move and end."""
 
     process_noise: float  # m^2/s^3, spectral density of the white acceleration, per axis
+    manoeuvre_noise: float  # m^2/s^3, the same while the target manoeuvres
     speed_std: float  # m/s, of a new track, per axis
     gate: float  # sigma, see `chi_square_limit`
     confirm_hits: int  # M
@@ -41,6 +42,12 @@ class Track:
     cov: Array  # (4, 4)
     seen_ns: int  # the last ping with a sighting
     history: tuple[bool, ...]  # sighted or not, at most the last N pings
+    surprise: float = 0.0  # fading sum of NIS - 2; a constant velocity keeps it around 0
+
+    @property
+    def manoeuvres(self) -> bool:
+        """The last sightings lie further from the predictions than a constant velocity allows."""
+        return self.surprise > _SURPRISED
 
     def predict(self, duration: float, process_noise: float) -> Track:
         """x' = F x, P' = F P F^T + Q; Q of white acceleration (Bar-Shalom et al. 2001, eq. 6.2.2-12)."""
@@ -58,7 +65,8 @@ class Track:
         K = np.linalg.solve(S, H @ self.cov).T
         left = np.eye(4) - K @ H
         cov = left @ self.cov @ left.T + K @ sighting.cov @ K.T
-        return replace(self, mean=self.mean + K @ innovation, cov=(cov + cov.T) / 2)
+        surprise = _FADING * self.surprise + _nis(innovation, S) - 2.0
+        return replace(self, mean=self.mean + K @ innovation, cov=(cov + cov.T) / 2, surprise=surprise)
 
     @property
     def position_std(self) -> float:
@@ -66,9 +74,14 @@ class Track:
         return math.sqrt(float(np.linalg.eigvalsh(self.cov[:2, :2])[-1]))
 
 
+_FADING = 0.75  # four sightings' worth
+_SURPRISED = 9.0  # three of its standard deviations, 2 / sqrt(1 - _FADING^2)
+
+
 class Tracker:
     """`step` takes the sightings of one ping and returns the confirmed tracks at the ping's stamp.
 
+    A target that manoeuvres is predicted with more process noise (adjustable level: Bar-Shalom et al. 2001, ch. 11).
     Confirmed tracks choose before tentative ones. A tentative track is dropped as soon as it can no longer collect M
     sightings in its first N pings.
     """
@@ -90,7 +103,7 @@ class Tracker:
             raise ValueError(f"t_ns must be after the ping before, {self._t_ns}, got {t_ns}")
         duration = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
         self._t_ns, self.nis = t_ns, ()
-        tracks = [track.predict(duration, self.rules.process_noise) for track in self._tracks]
+        tracks = [track.predict(duration, self._noise(track)) for track in self._tracks]
         tracks, left = self._associate(tracks, list(sightings), t_ns)
         tracks += [self._begin(sighting, t_ns) for sighting in left]
         self._tracks = [self._confirm(track) for track in tracks if self._alive(track, t_ns)]
@@ -105,6 +118,10 @@ class Tracker:
     def tentative(self) -> int:
         """How many tracks wait for confirmation."""
         return sum(track.id == 0 for track in self._tracks)
+
+    def _noise(self, track: Track) -> float:
+        steady, moving = self.rules.process_noise, self.rules.manoeuvre_noise
+        return max(steady, moving) if track.manoeuvres else steady
 
     def _associate(
         self, tracks: list[Track], sightings: list[Sighting], t_ns: int

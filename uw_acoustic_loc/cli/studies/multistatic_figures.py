@@ -16,7 +16,7 @@ from .multistatic_trials import BIASED, Setting
 LOOK = {
     "ls": (ORANGE, "s", "LS"),
     "ml_range": (GREEN, "^", "ML, ranges (ML_dist)"),
-    "ml_range_bearing": (BLUE, "o", "ML, ranges and bearings (ML_proposed)"),
+    "ml_range_bearing": (BLUE, "o", "ML, with bearings (ML_proposed)"),
     "ml_exact": (PURPLE, "v", "exact likelihood"),
 }
 PAPER = ("ls", "ml_range", "ml_range_bearing")
@@ -129,16 +129,19 @@ def _receivers(rows: Sequence[Mapping[str, float]], seed: int) -> Picture:
     ls = _mean_by_count(MANY, FAR, seed, ("ls",))["ls"]
     many.plot(MANY, ls, marker=LOOK["ls"][1], markersize=4, color=LOOK["ls"][0])
     five = _mean_by_count((5,), FAR, seed, ("ml_range_bearing",))["ml_range_bearing"][0]
-    many.axhline(five, color=BLUE, linestyle=":", label="ML, ranges and bearings, 5 receivers")
+    many.axhline(five, color=BLUE, linestyle=":")
+    many.text(MANY[0], 1.05 * five, "ML_proposed, 5 receivers", color=BLUE, fontsize=8)
     many.set_xscale("log")
     for axis, title in ((near, "(a) 2 km"), (far, "(b) 6 km"), (many, "(c) 6 km, LS up to 200")):
         axis.set_yscale("log")
         _plain_numbers(axis)
         axis.set_title(title)
         axis.set_xlabel("receivers")
-    many.set_xticks(MANY[::2], [f"{count}" for count in MANY[::2]], minor=False)
+    for axis, shown in ((near, trials.COUNTS), (far, trials.COUNTS), (many, MANY[::2])):
+        axis.set_xticks(shown, [str(count) for count in shown])
+        axis.xaxis.set_minor_locator(NullLocator())
     near.set_ylabel("mean RMSE (m)")
-    legend_below(figure, near, many)
+    legend_below(figure, near)
     caption = (
         "Mean RMSE over the grid by number of receivers (the paper's figure 5), 40 m and 0.02 rad; (b), (c) and the "
         "bias left in: over every fifth row and column. The paper's ML stands still from 7 receivers on, because the "
