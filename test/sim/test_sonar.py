@@ -117,6 +117,17 @@ def test_false_alarms_are_uniform_over_the_ellipse_of_max_range():
     assert np.mean(bearings > 0) == pytest.approx(0.5, abs=2 / math.sqrt(bearings.size))
 
 
+def test_the_direct_blast_masks_what_lies_near_the_baseline():
+    story = {"duration": 800.0, "false_alarms": 3.0, "blanking": 300.0}
+    between = (Target(1, 1000.0, 300.0, -10.0), Target(2, 2600.0, 1400.0, -10.0))  # 88 m beyond receiver 1's baseline
+    pings = detections(scenario(**story, range_std=1e-6, bearing_std=1e-9, targets=between))
+    assert min(v.range[v.receiver == 1].min(initial=1e9) for v in pings) > 2300
+    seen = [np.any(np.abs(v.bearing[v.receiver == 2] - math.atan2(300 - 1732, 2000)) < 1e-6) for v in pings]
+    assert all(seen)  # by a receiver whose baseline is elsewhere
+    open_water = detections(scenario(**story | {"blanking": 0.0}, range_std=1e-6, bearing_std=1e-9, targets=between))
+    assert min(v.range[v.receiver == 1].min() for v in open_water) < 2100
+
+
 def test_an_empty_ping_is_a_message_without_rows_at_the_end_of_the_window():
     available, heard = events(scenario(targets=()), "sonar/detections")[0]
     assert heard.range.size == heard.receiver.size == 0

@@ -153,6 +153,9 @@ class Sonar:
     false_alarms: float = param(0.0, low=0, doc="mean number per receiver and ping")
     miss_fraction: float = param(0.0, low=0, high=1)
     max_range: float = param(10_000.0, unit="m", low=1, doc="false alarms lie within")
+    blanking: float = param(
+        0.0, unit="m", low=0, doc="the direct blast masks range sums up to this beyond the distance to the transmitter"
+    )
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ class SonarSource:
         """The detections of a ping, and the time in s until the last arrives; if none does, the whole window."""
         sonar, speed = self._sonar, float(self._sound_speed.at(time))
         rng = self._scenario.rng(_KEY, index)
-        rows = np.vstack([self._echoes(time, speed, rng), self._false_alarms(rng)])
+        rows = self._outside_blast(np.vstack([self._echoes(time, speed, rng), self._false_alarms(rng)]))
         receiver, ranges, bearings = rows[np.argsort(rows[:, 1], kind="stable")].T
         ids = np.array([node.id for node in sonar.receivers], dtype=np.uint16)[receiver.astype(int)]
         size = len(ranges)
@@ -120,6 +120,12 @@ class SonarSource:
             bearings = np.arctan2(*(points - baseline).T[::-1])
             alarms.append(np.stack([np.full(count, float(row)), sums, bearings], axis=1))
         return np.vstack(alarms)
+
+    def _outside_blast(self, rows: Array) -> Array:
+        """The rows that the direct blast does not mask: those outside a thin ellipse around the baseline."""
+        baselines = np.linalg.norm(self._receivers - self._transmitter, axis=1)
+        masked_to = baselines[rows[:, 0].astype(int)] + self._sonar.blanking
+        return rows[(rows[:, 1] > masked_to) | (self._sonar.blanking == 0)]
 
     def _targets(self) -> tuple[Array, Array]:
         """(T, 3) positions at the start, and velocities."""
