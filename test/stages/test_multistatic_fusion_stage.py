@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from uw_acoustic_loc.config import build
 from uw_acoustic_loc.contract import Status
 from uw_acoustic_loc.core.multistatic_fusion import MultistaticConfig
 from uw_acoustic_loc.core.types import Detections, NodePositions
@@ -74,6 +75,41 @@ def test_a_ping_without_rows_is_a_missed_ping():
     ((_, tracks),) = handle(ping(60 * 10**9, **EMPTY))
     assert tracks.id.size == tracks.x.size == tracks.position_std.size == 0
     assert tracks.id.dtype == np.uint16
+
+
+def test_the_net_may_come_from_the_parameters():
+    config = MultistaticConfig(
+        transmitter_position=(0.0, 0.0, -10.0), receiver_ids=(1, 2, 3),
+        receiver_positions=(2000.0, 0.0, -10.0, -1000.0, 1732.0, -10.0, -1000.0, -1732.0, -10.0),
+    )  # fmt: skip
+    ((topic, handle),) = ((i.topic, i.handle) for i in MultistaticFusionStage(config).inputs)
+    assert topic == "sonar/detections"
+    _, by_topic = started()
+    np.testing.assert_array_equal(next(iter(handle(ping())))[1].position, next(iter(by_topic(ping())))[1].position)
+    with pytest.raises(ValueError, match="3 numbers for each of the 1 receiver_ids, got 2"):
+        build(MultistaticConfig, {"receiver_ids": [1], "receiver_positions": [0.0, 1.0]}, "node")
+
+
+def test_tracks_outlive_a_receiver_that_dies_and_one_that_is_added():
+    stage, handle = started()
+    for k in range(1, 5):
+        list(handle(ping(k * 10**9)))
+    two = {"receiver": [1, 2], "range": [4552.7, 6645.1], "bearing": [1.1659, -0.0919], "snr": [15.0] * 2}
+    two |= {"range_std": [40.0] * 2, "bearing_std": [0.02] * 2}
+    (_, fix), (_, tracks) = handle(ping(5 * 10**9, **two))
+    assert tracks.id.tolist() == [1]
+    positions = next(i.handle for i in stage.inputs if i.topic == "sonar/positions")
+    list(
+        positions(
+            nodes(ids=(0, 1, 2, 3, 4), role=(1, 0, 0, 0, 0), x=(0, 2e3, -1e3, -1e3, 4e3), y=(0, 0, 1732, -1732, 3e3))
+        )
+    )
+    four = {"receiver": [1, 2, 3, 4], "range": [4552.7, 6645.1, 7804.0, 5155.8], "range_std": [40.0] * 4}
+    four |= {"bearing": [1.1659, -0.0919, 0.7160, -2.2926], "bearing_std": [0.02] * 4, "snr": [15.0] * 4}
+    (_, better), (_, tracks) = handle(ping(6 * 10**9, **four))
+    assert tracks.id.tolist() == [1]
+    assert np.trace(better.cov[:2, :2]) < np.trace(fix.cov[:2, :2])
+    np.testing.assert_allclose(better.position[:2], [2600, 1400], atol=5)
 
 
 def test_changeable_parameters_change():

@@ -23,6 +23,9 @@ class MultistaticConfig:
     range_noise: str = param(
         "rayleigh", choices=("rayleigh", "gaussian"), doc="rayleigh: echoes are late, 1.913 range_std on average"
     )
+    transmitter_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="used with receiver_ids")
+    receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
+    receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     sound_speed: float = param(
         1500.0, unit="m/s", low=1350, high=1650, doc="only for when the ping reached the target, not for ranges"
     )
@@ -44,6 +47,12 @@ class MultistaticConfig:
         if self.confirm_hits > self.confirm_pings:
             raise ValueError(
                 f"confirm_hits must be at most confirm_pings, got {self.confirm_hits} of {self.confirm_pings}"
+            )
+
+        if len(self.receiver_positions) != 3 * len(self.receiver_ids):
+            raise ValueError(
+                f"receiver_positions must have 3 numbers for each of the {len(self.receiver_ids)} receiver_ids, "
+                f"got {len(self.receiver_positions)}"
             )
 
     @property

@@ -125,7 +125,8 @@ class SonarSource:
         """The rows that the direct blast does not mask: those outside a thin ellipse around the baseline."""
         baselines = np.linalg.norm(self._receivers - self._transmitter, axis=1)
         masked_to = baselines[rows[:, 0].astype(int)] + self._sonar.blanking
-        return rows[(rows[:, 1] > masked_to) | (self._sonar.blanking == 0)]
+        heard: Array = rows[(rows[:, 1] > masked_to) | (self._sonar.blanking == 0)]
+        return heard
 
     def _targets(self) -> tuple[Array, Array]:
         """(T, 3) positions at the start, and velocities."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +19,9 @@ class MultistaticFusionStage:
     """One message of detections per ping gives the strongest target's fix, if there is one, and all confirmed tracks.
 
     A fix is where the ping met the target, up to a few seconds after the stamp; tracks are at the stamp itself.
-    Depth is not observed: z is the transmitter's, of unknown (-1) variance.
+    The net comes from the parameters, or else from `sonar/positions`, which may be sent again when a receiver is added,
+    moved or lost; tracks live on. A ping's message does not say who sent it: a net with several transmitters takes a
+    node for each. Depth is not observed: z is the transmitter's, of unknown (-1) variance.
     """
 
     Config: ClassVar[type] = MultistaticConfig
@@ -34,13 +36,15 @@ class MultistaticFusionStage:
         self._rejected: Counter[str] = Counter()
         self._last_rejected: Counter[str] = Counter()
         self._nis_sum = 0.0
+        if config.receiver_ids:
+            self._on_positions(_given(config))
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        return (
-            Input("sonar/positions", NodePositions, self._on_positions, frame="map", latched=True),
-            Input("sonar/detections", Detections, self._on_detections, frame="map"),
-        )
+        detections = Input("sonar/detections", Detections, self._on_detections, frame="map")
+        if self._config.receiver_ids:
+            return (detections,)
+        return (Input("sonar/positions", NodePositions, self._on_positions, frame="map", latched=True), detections)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -65,11 +69,11 @@ class MultistaticFusionStage:
         if self._fusion:
             self._fusion = Fusion(self._fusion.net, config)
 
-    def _on_positions(self, nodes: NodePositions) -> Iterator[Emission]:
+    def _on_positions(self, nodes: NodePositions) -> Iterable[Emission]:
         net, ids, z = _net(nodes)
         self._fusion = Fusion(net, self._config)
         self._ids, self._z = ids, z
-        yield from ()
+        return ()
 
     def _on_detections(self, detections: Detections) -> Iterator[Emission]:
         if self._fusion is None:
@@ -129,6 +133,14 @@ def as_tracks(t_ns: int, tracks: list[Track], z: float) -> Tracks:
     return Tracks(
         t_ns, ids, x, y, depth, vx, vy, still, np.array([track.position_std for track in tracks], dtype=float)
     )
+
+
+def _given(config: MultistaticConfig) -> NodePositions:
+    """The net of the parameters."""
+    x, y, z = np.array([*config.transmitter_position, *config.receiver_positions]).reshape(-1, 3).T
+    roles = np.full(x.size, NodePositions.RECEIVER, dtype=np.uint8)
+    roles[0] = NodePositions.TRANSMITTER
+    return NodePositions(0, np.array([0, *config.receiver_ids], dtype=np.uint16), roles, x, y, z)
 
 
 def _net(nodes: NodePositions) -> tuple[Net, AnyArray, float]:
