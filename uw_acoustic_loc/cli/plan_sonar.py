@@ -92,9 +92,10 @@ def _map(panel: Any, axes: tuple[Array, Array], value: Array, sonar: Sonar, norm
 
 def _caption(sonar: Sonar) -> str:
     return (
-        "Cramer-Rao bound of the horizontal position error (root of the trace) when every receiver hears the echo; star: "
-        f"transmitter, triangles: receivers. Range sums {sonar.range_std:g} m, bearings {sonar.bearing_std:g} rad. "
-        "Colours span a factor of 30 from the best value; white: not determined. How far an echo is heard, and what the "
-        "direct blast masks, is not part of it. The dilution of precision in the file is metres of error per metre of "
-        "range-sum error, ranges alone."
+        "Cramer-Rao bound of the horizontal position error (root of the trace) when every receiver hears the echo. "
+        "Star: transmitter, triangles: receivers; "
+        f"range sums {sonar.range_std:g} m, bearings {sonar.bearing_std:g} rad. "
+        "Colours span a factor of 30 from the best value; white: not determined. How far an echo is heard, and what "
+        "the direct blast masks, is not part of it. The dilution of precision in the file is metres of error per metre "
+        "of range-sum error, ranges alone."
     )

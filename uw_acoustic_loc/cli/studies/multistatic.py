@@ -9,7 +9,7 @@ from ...core.multistatic import METHODS
 from ..reproduce import Outcome
 from ..tables import Sheet
 from . import multistatic_trials as trials
-from .multistatic_trials import BIASED, Errors, Setting
+from .multistatic_trials import BIASED, PRINTED, Errors, Setting
 
 if TYPE_CHECKING:
     from ..plot import Picture
@@ -25,7 +25,7 @@ def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
     settings = list(dict.fromkeys(setting for section in SECTIONS.values() for setting in section))
     found: dict[Setting, Errors] = {}
     for setting in settings:
-        methods = (*METHODS, BIASED) if setting in trials.BY_COUNT else METHODS
+        methods = (*METHODS, BIASED, PRINTED) if setting in trials.BY_COUNT else METHODS
         found[setting] = trials.errors(setting, trials.grid(), runs, seed, methods)
         tell(0.9 * sum(s.receivers for s in found) / sum(s.receivers for s in settings))
     placed = _placements(runs, seed, lambda share: tell(0.9 + 0.1 * share))
@@ -94,11 +94,19 @@ def _named(setting: Setting) -> tuple[str, str]:
 def _bias_sheet(found: Found) -> Sheet:
     """What the mean of the Rayleigh error does when it is left in."""
     rows = tuple(
-        (*_named(s), *(f"{x:.1f}" for x in (e.bound.mean(), e.mean["ls"], e.mean[BIASED], e.mean["ml_range_bearing"])))
+        (*_named(s), *(f"{x:.1f}" for x in (e.bound.mean(), *(e.mean[name] for name in _BIAS))))
         for s, e in ((s, found[s]) for s in trials.BY_COUNT)
     )
-    columns = ("receivers", "distance km", "bound", "ls", "ML, bias left in", "ML, bias removed")
+    columns = ("receivers", "distance km", "bound", *_BIAS.values())
     return Sheet("Why more receivers did not help: mean RMSE in m", columns, rows)
+
+
+_BIAS = {
+    "ls": "ls",
+    BIASED: "ML, bias left in",
+    PRINTED: "ML, sqrt(N - 1) sigma removed",
+    "ml_range_bearing": "ML, bias removed",
+}
 
 
 def _placement_sheet(placed: Found) -> Sheet:

@@ -11,7 +11,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 from ...core.types import Array
 from ..plot import BLUE, GREEN, ORANGE, PURPLE, RED, TRUTH, Picture, canvas, legend_below, picture, plan, style
 from . import multistatic_trials as trials
-from .multistatic_trials import BIASED, Setting
+from .multistatic_trials import BIASED, PRINTED, Setting
 
 LOOK = {
     "ls": (ORANGE, "s", "LS"),
@@ -122,8 +122,9 @@ def _receivers(rows: Sequence[Mapping[str, float]], seed: int) -> Picture:
     figure, axes = canvas(1, 3, 3.4)
     near, far, many = axes[0]
     _courses(near, rows, "receivers", 1.0)
-    biased = _mean_by_count(trials.COUNTS, Setting().distance, seed, (BIASED,))
-    near.plot(trials.COUNTS, biased[BIASED], "x:", color=RED, markersize=5, label="ML, bias left in")
+    biased = _mean_by_count(trials.COUNTS, Setting().distance, seed, (BIASED, PRINTED))
+    near.plot(trials.COUNTS, biased[BIASED], "x:", color=RED, markersize=5, label="bias left in")
+    near.plot(trials.COUNTS, biased[PRINTED], "+:", color=RED, markersize=6, label=r"$\sqrt{N-1}\,\sigma$ removed")
     for name, values in _mean_by_count(trials.COUNTS, FAR, seed, PAPER).items():
         far.plot(trials.COUNTS, values, marker=LOOK[name][1], markersize=4, color=LOOK[name][0])
     ls = _mean_by_count(MANY, FAR, seed, ("ls",))["ls"]
@@ -144,8 +145,9 @@ def _receivers(rows: Sequence[Mapping[str, float]], seed: int) -> Picture:
     legend_below(figure, near)
     caption = (
         "Mean RMSE over the grid by number of receivers (the paper's figure 5), 40 m and 0.02 rad; (b), (c) and the "
-        "bias left in: over every fifth row and column. The paper's ML stands still from 7 receivers on, because the "
-        "mean of the late echoes does not average out; with the mean taken out every receiver helps."
+        "dotted lines: over every fifth row and column. The paper's ML stops improving at 5 to 7 receivers: what it "
+        "takes from the range sums, as printed, grows with the number of receivers, and an error that all range sums "
+        "share does not average out. With the mean of the Rayleigh error taken out every receiver helps."
     )
     return picture("RMSE by number of receivers (figure 5)", caption, figure)
 

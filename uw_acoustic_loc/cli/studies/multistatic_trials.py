@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +14,7 @@ from ...core.multistatic_bound import cramer_rao, position_error
 from ...core.types import Array
 
 BIASED = "ml_range_bearing, bias left in"
+PRINTED = "ml_range_bearing, sqrt(N - 1) sigma removed"  # the paper's eq. 9 to 11, as far as they are legible
 REACH, SPACING = 5000.0, 144.0  # m, of the grid of targets (the paper's table 1)
 RANGE_STDS, BEARING_STDS = (20.0, 40.0, 60.0), (0.01, 0.02, 0.03)  # m, rad
 DISTANCES = (1000.0, 2000.0, 3000.0, 4000.0, 5000.0, 6000.0)  # m, transmitter to receivers
@@ -98,8 +100,9 @@ def errors(setting: Setting, targets: Array, trials: int, seed: int, methods: tu
 
 def _distances(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str, targets: Array) -> Array:
     """(T, trials) errors in m."""
-    if method == BIASED:
-        method, noise = "ml_range_bearing", replace(noise, rayleigh=False)
+    if method in (BIASED, PRINTED):
+        removed = math.sqrt(len(net.receivers) - 1) * noise.range_std[0] if method == PRINTED else 0.0
+        ranges, noise, method = ranges - removed, replace(noise, rayleigh=False), "ml_range_bearing"
     off = locate(net, ranges, bearings, noise, method).positions - targets[:, None]
     distances: Array = np.hypot(off[..., 0], off[..., 1])
     return distances

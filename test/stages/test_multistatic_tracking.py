@@ -1,0 +1,154 @@
+"""Monte Carlo of the whole node: manoeuvres, crossings, false alarms and misses, nets without symmetry."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from uw_acoustic_loc.core.multistatic import Net, Noise
+from uw_acoustic_loc.core.multistatic_fusion import MultistaticConfig
+from uw_acoustic_loc.core.types import Detections, NodePositions
+from uw_acoustic_loc.stages.multistatic_fusion import MultistaticFusionStage
+
+PINGS, PERIOD = 60, 4.0  # s
+RANGE_STD, BEARING_STD, MAX_RANGE, SOUND_SPEED = 40.0, 0.02, 10_000.0, 1500.0
+NEAR = 300.0  # m: a track further off does not hold the target
+
+
+def irregular_net(rng, count=4):
+    angle, distance = np.sort(rng.uniform(0, 2 * np.pi, count)), rng.uniform(800, 4000, count)
+    return Net(rng.uniform(-500, 500, 2), np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1))
+
+
+def manoeuvring(rng):
+    """(PINGS, 4) position and velocity: 3 to 10 m/s, a new turn of up to 1.5 degrees per second every 15 pings."""
+    speed, heading, rate = rng.uniform(3, 10), rng.uniform(0, 2 * np.pi), 0.0
+    position, course = rng.uniform(-3000, 3000, 2), []
+    for k in range(PINGS):
+        if k % 15 == 0:
+            rate = rng.choice([-1, 0, 1]) * np.radians(rng.uniform(0.5, 1.5))
+        course.append([*position, speed * np.cos(heading), speed * np.sin(heading)])
+        for _ in range(8):
+            heading += rate * PERIOD / 8
+            position = position + speed * PERIOD / 8 * np.array([np.cos(heading), np.sin(heading)])
+    return np.array(course)
+
+
+def crossing(rng):
+    """Two straight courses that meet within 60 m and 6 pings at 30 to 150 degrees."""
+    place, heading = rng.uniform(-2500, 2500, 2), rng.uniform(0, 2 * np.pi)
+    turn = rng.choice([-1, 1]) * rng.uniform(np.pi / 6, 5 * np.pi / 6)
+    time = PERIOD * (np.arange(PINGS) - PINGS / 2 - rng.uniform(-3, 3))[:, None]
+    courses = []
+    for angle in (heading, heading + turn):
+        velocity = rng.uniform(3, 8) * np.array([np.cos(angle), np.sin(angle)])
+        positions = place + rng.uniform(-30, 30, 2) + velocity * time
+        courses.append(np.hstack([positions, np.broadcast_to(velocity, (PINGS, 2))]))
+    return courses
+
+
+def detections(net, targets, t_ns, rng, false_alarms, misses):
+    """`targets` are rows x, y, vx, vy at the ping; false alarms are even over range and bearing."""
+    count, rows = len(net.receivers), []
+    noise = Noise(np.full(count, RANGE_STD), np.full(count, BEARING_STD))
+    for state in targets:
+        met = state[:2] + state[2:] * np.hypot(*(state[:2] - net.transmitter)) / SOUND_SPEED
+        measured = np.array(net.measure(met)) + np.array(noise.draw(rng, ()))
+        rows += [(i + 1, *measured[:, i]) for i in range(count) if rng.random() >= misses]
+    for i, alarms in enumerate(rng.poisson(false_alarms, count)):
+        least = np.hypot(*(net.receivers[i] - net.transmitter)) + 100
+        rows += [(i + 1, rng.uniform(least, MAX_RANGE), rng.uniform(-np.pi, np.pi)) for _ in range(alarms)]
+    receiver, ranges, bearings = rng.permutation(np.array(rows).reshape(-1, 3)).T
+    std = np.full(receiver.size, RANGE_STD), np.full(receiver.size, BEARING_STD)
+    return Detections(t_ns, receiver.astype(np.uint16), ranges, std[0], bearings, std[1], np.full(receiver.size, 15.0))
+
+
+def tracks_of(net, courses, rng, false_alarms, misses=0.1):
+    """The tracks after each ping."""
+    stage = MultistaticFusionStage(MultistaticConfig())
+    positions, handle = (i.handle for i in stage.inputs)
+    x, y = np.vstack([net.transmitter, net.receivers]).T
+    ids = np.arange(x.size, dtype=np.uint16)
+    list(positions(NodePositions(1, ids, (ids == 0).astype(np.uint8), x, y, np.zeros(x.size))))
+    out = []
+    for k in range(PINGS):
+        t_ns = round((k + 1) * PERIOD * 1e9)
+        heard = detections(net, [course[k] for course in courses], t_ns, rng, false_alarms, misses)
+        out += [value for topic, value in handle(heard) if topic == "sonar/tracks"]
+    return out
+
+
+def judged(course, tracks):
+    """Pings that the best track holds the target, its median error, and how many others live longer than 3 pings."""
+    errors = {}
+    for state, found in zip(course, tracks, strict=True):
+        for number, x, y in zip(found.id.tolist(), found.x, found.y, strict=True):
+            errors.setdefault(number, []).append(np.hypot(x - state[0], y - state[1]))
+    held = {number: sum(e < NEAR for e in found) for number, found in errors.items()}
+    best = max(held, key=held.get)
+    return (
+        held[best],
+        np.median(errors[best]),
+        sum(len(found) > 3 for number, found in errors.items() if number != best),
+    )
+
+
+def identity(courses, tracks):
+    """What became of two targets: kept, swapped, renewed (another id), lost (none, or both with one)."""
+
+    def numbers(pings):
+        return tuple(_usual(course, tracks, pings) for course in courses)
+
+    early, late = numbers(range(10, 16)), numbers(range(48, PINGS))
+    if 0 in early + late or len(set(early)) < 2 or len(set(late)) < 2:
+        return "lost"
+    return "kept" if early == late else "swapped" if early == late[::-1] else "renewed"
+
+
+def _usual(course, tracks, pings):
+    """The id that is most often nearest to a target, 0 if none is near."""
+    found = []
+    for k in pings:
+        distance = np.hypot(tracks[k].x - course[k, 0], tracks[k].y - course[k, 1])
+        found += [int(tracks[k].id[distance.argmin()])] if distance.min(initial=np.inf) < NEAR else []
+    return Counter(found).most_common(1)[0][0] if found else 0
+
+
+def manoeuvre_runs(runs, seed, false_alarms):
+    for run in range(runs):
+        rng = np.random.default_rng([seed, run])
+        net, course = irregular_net(rng), manoeuvring(rng)
+        yield judged(course, tracks_of(net, [course], rng, false_alarms))
+
+
+def crossing_runs(runs, seed):
+    for run in range(runs):
+        rng = np.random.default_rng([seed, run])
+        net, courses = irregular_net(rng), crossing(rng)
+        yield identity(courses, tracks_of(net, courses, rng, 0.3))
+
+
+def assert_held(found):
+    held, median, others = (np.array(column) for column in zip(*found, strict=True))
+    assert held.min() >= PINGS - 5  # three of them to be confirmed
+    assert median.max() < 60
+    assert others.max() <= 1
+
+
+def test_one_track_holds_a_manoeuvring_target_among_false_alarms_and_misses():
+    assert_held(manoeuvre_runs(6, 100, false_alarms=0.3))
+
+
+def test_crossing_targets_keep_their_identity():
+    assert Counter(crossing_runs(6, 200))["kept"] >= 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("false_alarms", [0.3, 2.0])
+def test_one_track_holds_a_manoeuvring_target_in_every_run(false_alarms):
+    assert_held(manoeuvre_runs(100, 300, false_alarms))
+
+
+@pytest.mark.slow
+def test_crossing_targets_keep_their_identity_in_95_of_100_runs():
+    assert Counter(crossing_runs(100, 400))["kept"] >= 95
