@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.multistatic import RAYLEIGH_SCALE, Net, Noise, gaussian_likelihood
-from uw_acoustic_loc.core.multistatic_model import posterior, rayleigh_terms
+from uw_acoustic_loc.core.multistatic_model import rayleigh_terms
+from uw_acoustic_loc.core.multistatic_posterior import posterior
 from uw_acoustic_loc.core.multistatic_start import directions
 
 

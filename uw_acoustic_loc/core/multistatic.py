@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .multistatic_model import Likelihood, Moments, posterior
+from .multistatic_model import Likelihood, Moments
+from .multistatic_posterior import posterior
 from .multistatic_start import closed_form, least_squares, likeliest_start
 from .types import AnyArray, Array
 
@@ -156,7 +157,9 @@ def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str,
     mode, arrived = search(used, gaussian)
     if method == "ml_exact" and noise.rayleigh:
         exact = replace(gaussian, ranges=ranges, scale=noise.range_std[:, None] * RAYLEIGH_SCALE)
-        x, y, *cov = posterior(exact, _climb(exact, mode.x, mode.y))
+        mode = _climb(exact, mode.x, mode.y)
+        arrived &= _arrived(exact, mode)
+        x, y, *cov = posterior(exact, mode)
         misfit = 2 * gaussian.cost(x, y)
     else:
         x, y, cov, misfit = mode.x, mode.y, [*used.cov(mode)], 2 * mode.cost
@@ -183,7 +186,12 @@ def _quick(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
 def _careful(used: Likelihood, start: Likelihood) -> tuple[Moments, AnyArray]:
     """Damped steps from the best of several candidates."""
     at = _climb(used, *likeliest_start(start))
-    return at, (at.decrement() < _ARRIVED) | used.at_node(at)
+    return at, _arrived(used, at)
+
+
+def _arrived(likelihood: Likelihood, at: Moments) -> AnyArray:
+    """(M,) where the search has ended at an optimum."""
+    return (at.decrement() < _ARRIVED) | likelihood.at_node(at)
 
 
 def _climb(likelihood: Likelihood, x: Array, y: Array) -> Moments:
