@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -171,6 +172,33 @@ def test_ids_stay_with_their_targets_when_the_targets_pass_each_other():
     east = [t for t in by_id.values() if t[2] > 0]
     assert len(east) == 1
     np.testing.assert_allclose(east[0], [840, 60, 15, 0], atol=30)
+
+
+def turning(rng, runs=20, pings=40):
+    """Courses (pings, 2) at 8 m/s that turn by 1.5 degrees per second from ping 15 on, and seen with 30 m."""
+    heading = np.radians(1.5) * PERIOD * np.maximum(np.arange(pings) - 15, 0)
+    course = 8.0 * PERIOD * np.cumsum(np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    for _ in range(runs):
+        yield course, course + rng.normal(0, 30.0, course.shape)
+
+
+def test_a_turning_target_is_noticed_and_followed():
+    errors = {}
+    for noise in (0.01, 0.5):
+        tracker_rules = replace(RULES, manoeuvre_noise=noise)
+        noticed = {"before": 0, "after": 0}
+        for course, seen in turning(np.random.default_rng(6)):
+            tracker = Tracker(tracker_rules)
+            for k, point in enumerate(seen):
+                tracks = tracker.step(k * PERIOD * SECOND, [sighting(*point)])
+                noticed["before"] += k < 15 and any(t.manoeuvres for t in tracks)
+                noticed["after"] += k >= 25 and any(t.manoeuvres for t in tracks)
+                if k >= 20:
+                    errors.setdefault(noise, []).append(np.hypot(*(tracks[0].mean[:2] - course[k])))
+    assert noticed["before"] < 0.1 * 20 * 15
+    assert noticed["after"] > 0.2 * 20 * 15
+    assert np.median(errors[0.5]) < 40  # a fix alone has 35
+    assert np.percentile(errors[0.5], 90) < 0.5 * np.percentile(errors[0.01], 90)
 
 
 def test_a_ping_that_is_not_later_is_refused():

@@ -35,7 +35,7 @@ class MultistaticConfig:
         0.01, unit="m^2/s^3", low=0, changeable=True, doc="spectral density of a target's acceleration, per axis"
     )
     manoeuvre_noise: float = param(
-        0.3, unit="m^2/s^3", low=0, changeable=True, doc="the same while sightings show that a target manoeuvres"
+        0.5, unit="m^2/s^3", low=0, changeable=True, doc="the same while sightings show that a target manoeuvres"
     )
     speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
     confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many fixes ...")

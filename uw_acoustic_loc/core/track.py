@@ -42,12 +42,8 @@ class Track:
     cov: Array  # (4, 4)
     seen_ns: int  # the last ping with a sighting
     history: tuple[bool, ...]  # sighted or not, at most the last N pings
-    surprise: float = 0.0  # fading sum of NIS - 2; a constant velocity keeps it around 0
-
-    @property
-    def manoeuvres(self) -> bool:
-        """The last sightings lie further from the predictions than a constant velocity allows."""
-        return self.surprise > _SURPRISED
+    surprise: float = 0.0  # fading sum of NIS - 2; honest predictions keep it around 0
+    manoeuvres: bool = False  # from when sightings lay further from the predictions than chance, until surprise is over
 
     def predict(self, duration: float, process_noise: float) -> Track:
         """x' = F x, P' = F P F^T + Q; Q of white acceleration (Bar-Shalom et al. 2001, eq. 6.2.2-12)."""
@@ -66,7 +62,9 @@ class Track:
         left = np.eye(4) - K @ H
         cov = left @ self.cov @ left.T + K @ sighting.cov @ K.T
         surprise = _FADING * self.surprise + _nis(innovation, S) - 2.0
-        return replace(self, mean=self.mean + K @ innovation, cov=(cov + cov.T) / 2, surprise=surprise)
+        manoeuvres = surprise > (0.0 if self.manoeuvres else _SURPRISED)
+        mean, cov = self.mean + K @ innovation, (cov + cov.T) / 2
+        return replace(self, mean=mean, cov=cov, surprise=surprise, manoeuvres=manoeuvres)
 
     @property
     def position_std(self) -> float:
