@@ -126,7 +126,7 @@ def whole_grid() -> None:
 
 
 def main() -> int:
-    missed = [contest(count, 6.0) for count in GOALS]
+    missed = [contest(count, 5.0) for count in GOALS]
     whole_grid()
     return max(missed)
 
