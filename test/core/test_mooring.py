@@ -8,10 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm as scipy_expm
 
 from uw_acoustic_loc.config import build
-from uw_acoustic_loc.core.mooring import KalmanMooring, MooringConfig, discretise, expm, make_filter, step_of
+from uw_acoustic_loc.core.mooring import KalmanMooring, MooringConfig, make_filter
+from uw_acoustic_loc.core.mooring_model import discretise, expm, step_of
 from uw_acoustic_loc.core.types import Array
 
-SETTLED = 5  # measurements until the start is forgotten
+SETTLED = 3  # measurements: from 2 s on, as the paper has it
 
 
 @dataclasses.dataclass
@@ -37,13 +38,13 @@ def monte_carlo(config: MooringConfig, runs: int = 1000, steps: int = 20, seed: 
         state = step.F @ state + step.drive[:, None]
         state[0] += rng.normal(0, config.process_std, runs)
         mooring.predict(step)
-        estimate = mooring.update(state[0] + config.noise.draw(rng, runs))
+        estimate = mooring.update(state[0] + config.expected_noise.draw(rng, runs))
         errors[k], variances[k] = estimate.mean[0] - state[0], estimate.cov[0, 0]
     return Result(errors, variances)
 
 
 def config(fraction: float, **changes: object) -> MooringConfig:
-    return dataclasses.replace(MooringConfig(impulse_fraction=fraction, initial_velocity_std=1.0), **changes)
+    return dataclasses.replace(MooringConfig(impulse_fraction=fraction), **changes)
 
 
 @pytest.mark.parametrize("fraction", [0.1, 0.2, 0.3, 0.4, 0.5])
@@ -51,11 +52,11 @@ def test_particle_filter_beats_the_kalman_filter_under_impulses(fraction: float)
     particle = monte_carlo(config(fraction))
     kalman = monte_carlo(config(fraction, filter="kalman"))
     gated = monte_carlo(config(fraction, filter="kalman_gated"))
-    # With 10 % impulses even the exact filter stays near a quarter; alpha-stable noise has no variance, so the Kalman
-    # filter's own figure scatters by 20 % between sets of 1000 runs.
-    assert particle.std <= (0.3 if fraction == 0.1 else 0.25) * kalman.std
+    # Alpha-stable noise has no variance: with 10 % impulses the Kalman filter's figure scatters by 30 % between sets of
+    # 1000 runs, and in 2 sets of 100 it is below 4 times the particle filter's.
+    assert particle.std <= 0.25 * kalman.std
     assert particle.std < 0.85 * gated.std < kalman.std
-    assert abs(float(particle.errors[SETTLED:].mean())) < 0.03
+    assert abs(float(particle.errors[SETTLED:].mean())) < 0.25 * particle.std  # the prior, 2 m off, pulls a little
 
 
 @pytest.mark.parametrize("fraction", [0.1, 0.5])
@@ -136,7 +137,6 @@ def test_a_gap_is_as_many_steps() -> None:
     assert pytest.approx(F3) == three.F
     Q = one.Q + one.F @ one.Q @ one.F.T + one.F @ one.F @ one.Q @ (one.F @ one.F).T
     assert pytest.approx(Q) == three.Q
-    assert three.noise_factor @ three.noise_factor.T == pytest.approx(Q)
     assert step_of(MooringConfig(), 86_400.0).drive == pytest.approx([0.5, 0.0], abs=1e-9)  # at rest after a day
 
 

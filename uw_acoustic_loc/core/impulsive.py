@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .types import AnyArray, Array
 
 _STEP = 1 / 64  # of the standard density's grid: its Fourier transform is cut off at pi / _STEP
 _POINTS = 2**18
+_PER_STD = 100
+_FLOOR = math.exp(-650)
 
 
 @dataclass(frozen=True)
@@ -113,26 +115,34 @@ class ImpulsiveNoise:
         return np.asarray(((1 - self.fraction) * normal + self.fraction * impulse) / self.std)
 
 
-class LogDensity:
-    """The logarithm of a mixture's density, tabulated once and interpolated; constant beyond the table.
+class LikelihoodTable:
+    """A mixture's density relative to its maximum, tabulated once, at the nearest of 100 points per `std`.
 
-    The table reaches 60 impulse scales to either side: out there a particle cloud sees no slope.
+    It reaches 60 impulse scales to either side and stays constant beyond: out there a particle cloud sees no slope.
+    Nothing is below e^-650, so that weights times a likelihood never all vanish and need no logarithms.
     """
 
     def __init__(self, noise: ImpulsiveNoise) -> None:
         reach = 10.0 + abs(s0_location(noise.impulse)) + (60 * noise.impulse.scale if noise.fraction > 0 else 30.0)
-        half = min(math.ceil(reach * 50), 2**19)
-        self._per_unit, self._half = 50 / noise.std, half
-        grid = np.arange(-half, half + 2) / self._per_unit
-        values = np.log(np.maximum(noise.density(grid), 1e-300))
-        self._values, self._slopes = values[:-1], np.diff(values)
-        self._slopes[-1] = 0.0
+        self._half = min(math.ceil(reach * _PER_STD), 2**20)
+        self._per_metre = _PER_STD / noise.std
+        density = noise.density(np.arange(-self._half, self._half + 1) / self._per_metre)
+        self.peak = float(density.max())
+        self._values = np.maximum(density / self.peak, _FLOOR)
 
     def __call__(self, x: AnyArray) -> Array:
-        """Log density at `x` of any shape."""
-        place = np.clip(x * self._per_unit + self._half, 0, 2 * self._half)
-        index = place.astype(np.intp)
-        place -= index
-        place *= self._slopes.take(index)
-        place += self._values.take(index)
-        return np.asarray(place)
+        """Likelihood at errors `x` of any shape."""
+        place = x * self._per_metre
+        place += self._half + 0.5
+        np.clip(place, 0, 2 * self._half, out=place)
+        return np.asarray(self._values.take(place.astype(np.intp), mode="clip"))
+
+    def weigh(self, weights: Array, errors: Array) -> Array:
+        """Weights times the likelihood of particles' errors, not normalised (Lee et al. 2013, eq. 7)."""
+        return weights * self(errors)
+
+
+@lru_cache(maxsize=16)
+def likelihood_table(noise: ImpulsiveNoise) -> LikelihoodTable:
+    """The table of a noise, made once."""
+    return LikelihoodTable(noise)

@@ -56,7 +56,7 @@ class MooringTrackerStage:
     def change(self, config: MooringConfig) -> None:
         self._config = config
         for mooring in self._filters.values():
-            mooring.config = config
+            mooring.change(config)
 
     def _on_offset(self, name: str, measured: Point) -> Iterator[Emission]:
         offset, t_ns = float(measured.position[0]), measured.t_ns
