@@ -109,6 +109,27 @@ def test_the_gate_can_be_changed() -> None:
     assert int(stage.status().values["buoy1.gated"]) == before
 
 
+def test_learnt_noise_is_told() -> None:
+    stage, found = run(dataclasses.replace(CONFIG, noise="learnt", measurement_std=1.0), offsets())
+    values = stage.status().values
+    assert float(values["buoy1.noise_std_m"]) == pytest.approx(0.5, rel=0.25)
+    assert float(values["buoy1.impulse_fraction"]) == pytest.approx(0.3, abs=0.15)
+    assert "buoy1.noise_std_m" not in run(CONFIG, offsets()[:2])[0].status().values
+    assert np.isfinite([f.pose_cov[0, 0] for f in found]).all()
+
+
+def test_the_noise_can_be_changed() -> None:
+    """With a wider noise the same measurements move the estimate less."""
+
+    def after(measurement_std: float) -> float:
+        stage, _ = run(CONFIG, offsets()[:50])
+        stage.change(dataclasses.replace(CONFIG, measurement_std=measurement_std))
+        shifted = [point(25.0 + 0.5 * k, 1.3) for k in range(4)]
+        return float([v for p in shifted for _, v in stage.inputs[0].handle(p)][-1].position[0])
+
+    assert after(5.0) < after(0.5) - 0.02
+
+
 def test_seed_decides_every_bit() -> None:
     first, again = (run(CONFIG, offsets()[:20])[1][-1].position.tobytes() for _ in range(2))
     other = run(dataclasses.replace(CONFIG, seed=2), offsets()[:20])[1][-1].position.tobytes()

@@ -11,7 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
-from ..core.mooring import MooringConfig, MooringEstimate, make_filter, step_of
+from ..core.mooring import MooringConfig, MooringEstimate, ParticleMooring, make_filter, step_of
+from ..core.noise_learning import LearntNoise
 from ..core.types import Array, Odometry, Point
 
 UNKNOWN_VARIANCE = 1e6  # of everything but the offset and its velocity
@@ -77,8 +78,12 @@ class MooringTrackerStage:
         self._gated[name] += int(estimate.rejected[0])
         self._values[f"{name}.residual_m"] = offset - float(estimate.mean[0, 0])
         self._values[f"{name}.std_m"] = math.sqrt(float(estimate.cov[0, 0, 0]))
-        if self._config.filter == "particle":
+        mooring = self._filters[name]
+        if isinstance(mooring, ParticleMooring):
             self._values[f"{name}.ess"] = float(estimate.ess[0])
+            if isinstance(mooring.noise, LearntNoise):
+                std, fraction = mooring.noise.mean[:, 0].tolist()
+                self._values |= {f"{name}.noise_std_m": std, f"{name}.impulse_fraction": fraction}
 
 
 def _odometry(t_ns: int, name: str, mean: Array, cov: Array) -> Odometry:
