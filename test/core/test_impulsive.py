@@ -52,6 +52,16 @@ def test_s1_location_is_the_mean_above_alpha_1() -> None:
     assert mean == pytest.approx(-3.0, abs=0.05)  # what lies beyond 20 000 is 0.02
 
 
+@pytest.mark.parametrize(("alpha", "beta"), [(1.8, 1.0), (1.2, -0.5), (1.0, 0.5), (0.7, 1.0)])
+def test_s0_location_is_scipys(alpha: float, beta: float) -> None:
+    """scipy evaluates both parameterisations; ours with the converted location is its S0 density."""
+    ours = AlphaStable(alpha, beta, 3.0, s1_location(alpha, beta, 3.0, -2.0))
+    x = X[2:11]
+    levy_stable = type(stats.levy_stable)()
+    levy_stable.parameterization = "S0"
+    assert ours.density(x) == pytest.approx(levy_stable.pdf(x, alpha, beta, loc=-2.0, scale=3.0), abs=1e-4, rel=1e-2)
+
+
 @pytest.mark.parametrize(("alpha", "beta"), [(1.8, 1.0), (1.0, 0.5), (0.6, -1.0)])
 def test_locations_convert_both_ways(alpha: float, beta: float) -> None:
     stable = AlphaStable(alpha, beta, 3.0, -2.0)
@@ -75,6 +85,15 @@ def test_without_impulses_the_mixture_is_gaussian() -> None:
     quiet = dataclasses.replace(NOISE, fraction=0.0)
     assert quiet.density(X) == pytest.approx(stats.norm.pdf(X, 0, 0.5))
     assert stats.kstest(quiet.draw(np.random.default_rng(4), 10_000), stats.norm(0, 0.5).cdf).pvalue > 1e-4
+
+
+def test_impulses_strike_some_of_the_errors_given() -> None:
+    given = np.zeros((2, 10_000), np.float32)
+    struck = NOISE.strike(np.random.default_rng(6), given)
+    assert (struck.dtype, given.any()) == (np.float32, False)
+    assert np.mean(struck != 0) == pytest.approx(0.3, abs=5 * np.sqrt(0.21 / given.size))
+    scaled = struck[struck != 0] / NOISE.std
+    assert stats.kstest(scaled[:2000], lambda x: stats.levy_stable.cdf(x, 1.8, 1.0, loc=-3.0, scale=10.0)).pvalue > 1e-4
 
 
 def test_table_is_the_density_but_for_a_factor() -> None:

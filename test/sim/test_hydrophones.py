@@ -7,7 +7,7 @@ import pytest
 from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.sim.environment import SoundSpeed
 from uw_acoustic_loc.sim.hydrophones import HydrophoneSource
-from uw_acoustic_loc.sim.scenario import Scenario, load_scenario
+from uw_acoustic_loc.sim.scenario import Impulses, Scenario, load_scenario
 from uw_acoustic_loc.sim.trajectory import Trajectory
 
 SCENARIO = replace(load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml"), duration=1.0)
@@ -50,6 +50,17 @@ def test_a_frame_does_not_depend_on_those_before():
         in_turn.frame(k)
     assert np.array_equal(in_turn.frame(5).h0, alone.frame(5).h0)
     assert not np.array_equal(alone.frame(5).h0, alone.frame(6).h0)
+
+
+def test_impulses_replace_single_samples():
+    """alpha = 1, beta = 0 is Cauchy: half of the impulses are beyond the scale of 100 standard deviations."""
+    quiet = replace(QUIET, pingers=())
+    calm = with_array(quiet, noise_std=0.01)
+    impulses = Impulses(fraction=0.05, alpha=1.0, beta=0.0, scale=100.0, location=0.0)
+    heard, before = (HydrophoneSource(s).frame(0).h0 for s in (with_array(calm, impulses=impulses), calm))
+    n = before.size
+    assert np.mean(heard != before) == pytest.approx(0.05, abs=5 * np.sqrt(0.05 / n))
+    assert np.mean(np.abs(heard) > 1.0) == pytest.approx(0.025, abs=5 * np.sqrt(0.025 / n))
 
 
 def test_pulses_run_on_across_frames():

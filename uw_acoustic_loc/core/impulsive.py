@@ -104,8 +104,16 @@ class ImpulsiveNoise:
 
     def draw(self, rng: np.random.Generator, size: int | tuple[int, ...]) -> Array:
         """Random numbers of the mixture."""
-        impulses = self.impulse.draw(rng, size)
-        return np.asarray(self.std * np.where(rng.random(size) < self.fraction, impulses, rng.normal(size=size)))
+        return np.asarray(self.strike(rng, self.std * rng.standard_normal(size)))
+
+    def strike(self, rng: np.random.Generator, gaussian: AnyArray) -> AnyArray:
+        """Gaussian errors with impulses in the place of some: the mixture when their standard deviation is `std`."""
+        if self.fraction == 0:
+            return gaussian
+        hit = rng.random(gaussian.shape) < self.fraction
+        struck = gaussian.copy()
+        struck[hit] = self.std * self.impulse.draw(rng, int(hit.sum()))
+        return struck
 
     def density(self, x: Array) -> Array:
         """Probability density of the mixture."""

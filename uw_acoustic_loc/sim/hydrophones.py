@@ -43,6 +43,7 @@ class HydrophoneSource:
         self._paths = [_paths(p, env) for p in scenario.pingers]
         self._knots = Knots(self._size, self._array.sample_rate)
         self._noise = GaussianNoise(env, self._array, self._size)
+        self._impulses = self._array.impulses.on(self._array.noise_std)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -62,7 +63,7 @@ class HydrophoneSource:
         """Frame k, the same whichever frames were made before."""
         begin = k * self._size / self._array.sample_rate
         rng = self._scenario.rng(_KEY, k)
-        pressure = self._noise.draw(rng)
+        pressure = self._impulses.strike(rng, self._noise.draw(rng))
         add_snaps(pressure, self._scenario.environment, self._array, rng)
         self._add_pings(begin, pressure)
         h0, h1 = convert(pressure, self._array)

@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from ..config import build, param
+from ..core.impulsive import AlphaStable, ImpulsiveNoise
 from ..resources import resource
 
 
@@ -64,6 +65,21 @@ class Vehicle:
 
 
 @dataclass(frozen=True)
+class Impulses:
+    """Alpha-stable impulses in the place of some of a sensor's Gaussian errors; location as in parameterisation S1."""
+
+    fraction: float = param(0.0, low=0, high=1)
+    alpha: float = param(1.8, low=0.1, high=2)
+    beta: float = param(1.0, low=-1, high=1)
+    scale: float = param(10.0, low=1e-9, doc="in the sensor's standard deviation")
+    location: float = param(-3.0, doc="in the sensor's standard deviation")
+
+    def on(self, std: float) -> ImpulsiveNoise:
+        """The noise of a sensor with this standard deviation."""
+        return ImpulsiveNoise(std, self.fraction, AlphaStable(self.alpha, self.beta, self.scale, self.location))
+
+
+@dataclass(frozen=True)
 class Hydrophones:
     """Two hydrophones on the vehicle and their 16-bit converter."""
 
@@ -75,6 +91,7 @@ class Hydrophones:
     full_scale: float = param(20.0, unit="Pa", low=1e-6, doc="pressure of the largest count")
     format: str = param("int16", choices=("int16", "float32"))
     noise_std: float = param(0.2, unit="Pa", low=0, doc="white noise over the whole band, per sample")
+    impulses: Impulses = param(Impulses(), doc="single samples, in noise_std; for snaps see environment")
     channel_gain_db: float = param(0.0, unit="dB", low=-40, high=40, doc="of hydrophone 1 over hydrophone 0")
     channel_delay: float = param(0.0, unit="s", low=-1e-3, high=1e-3, doc="of hydrophone 1 behind hydrophone 0")
 
