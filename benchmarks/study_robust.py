@@ -1,29 +1,34 @@
 """Does a likelihood of the noise beat a gate? Buoy tracker and bearing EKF under alpha-stable impulses.
 
-Both filters are used as they are: a weight per measurement (core/robust.py) is worked out from their own prediction and
-divides the measurement's variance. Impulses are those of table 1 of Lee et al. 2013 in units of the Gaussian noise.
+The buoy tracker is used as it is: a weight per arrival (core/robust.py) is worked out from its own prediction and
+divides the arrival's variance. So is the localizer, with its own options; then a bank of its EKFs with a weight in
+each. Impulses are those of table 1 of Lee et al. 2013 in units of the Gaussian noise.
+
+    python benchmarks/study_robust.py [RUNS] [SEED]
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache, partial
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 
-from uw_acoustic_loc.core.bearing_ekf import range_bank
+from uw_acoustic_loc.core.bearing_ekf import BearingEkf, range_bank
 from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
+from uw_acoustic_loc.core.localizer import LocalizerConfig, SourceLocalizer
 from uw_acoustic_loc.core.robust import mixture_weights, student_t_weights
 from uw_acoustic_loc.core.toa import ToaConfig, ToaTracker
 from uw_acoustic_loc.core.toa_model import arrival_times, predict
 from uw_acoustic_loc.core.toa_paths import make_net
-from uw_acoustic_loc.core.triangulation import Drift, Ray
+from uw_acoustic_loc.core.triangulation import Drift, Fix, Ray
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 40
@@ -36,7 +41,9 @@ BEARINGS, BEARING_STD = 120, math.radians(2.0)  # 1 s apart
 PINGER = np.array([20.0, 15.0])
 WIDE_OPEN = 1e6  # sigma
 LOST = 20.0  # m of error at any time: the run counts as lost, and in no other number
+RANGES, WANDER = (1.0, 200.0), 0.02  # m; m per sqrt(s)
 Weigh = Callable[[Array, Array, ImpulsiveNoise], Array]  # innovations, predicted variances, noise -> weights
+Believe = Callable[[Array, Array, ImpulsiveNoise], tuple[Array, Array]]  # the same -> weights, likelihoods
 
 
 @lru_cache
@@ -109,29 +116,98 @@ def _predicted(config: ToaConfig, estimate: object) -> tuple[Array, Array]:
     return predict(estimate.mean, estimate.cov, 1.0, config)  # type: ignore[attr-defined]
 
 
-def bearing_run(weigh: Weigh, noise: ImpulsiveNoise, seed: int) -> tuple[Array, Array]:
-    """Error (1, 2) in m of the last position and its NEES."""
-    rng, state = np.random.default_rng([seed, 2]), None
+def localizer_run(options: Mapping[str, object], noise: ImpulsiveNoise, seed: int) -> tuple[Array, Array]:
+    """Error (1, 2) in m of the localizer's last position and its NEES."""
+    config = LocalizerConfig(("a",), bearing_correlation_time=0.0, process_noise=WANDER, mirror=False, **options)  # type: ignore[arg-type]
+    localizer = SourceLocalizer(config, 0)
+    for k, ray in enumerate(bearings(noise, seed)):
+        localizer.update((k + 1) * 10**9, ray.x, ray.y, 0.0, ray.bearing, noise.std**2)
+    fix = localizer.sides[0].fix
+    assert fix is not None
+    return _fix_error(fix.mean, fix.cov)
+
+
+def bank_run(believe: Believe, noise: ImpulsiveNoise, seed: int) -> tuple[Array, Array]:
+    """The same of a bank of EKFs, each range hypothesis weighing and believing bearings on its own."""
+    members: list[BearingEkf] = []
+    for ray in bearings(noise, seed):
+        if not members:
+            edges = np.geomspace(*RANGES, 13)
+            members = [range_bank(ray, low, high, WANDER) for low, high in itertools.pairwise(edges)]
+            log_weight = np.zeros(len(members))
+            continue
+        predicted, variance = np.array([_predict(member, ray) for member in members]).T
+        error = np.array([wrap_angle(ray.bearing - angle) for angle in predicted])
+        weights, evidence = believe(error, variance, noise)
+        for member, weight in zip(members, weights, strict=True):
+            member.update(Ray(ray.x, ray.y, ray.bearing, noise.std, float(weight)))
+        log_weight += np.log(evidence)
+        keep = log_weight > log_weight.max() + math.log(1e-4)
+        members, log_weight = [m for m, k in zip(members, keep, strict=True) if k], log_weight[keep]
+    shares = np.exp(log_weight - log_weight.max())
+    return _fix_error(*_mixed([member.estimate() for member in members], shares / shares.sum()))
+
+
+def bearings(noise: ImpulsiveNoise, seed: int) -> Iterator[Ray]:
+    """Once round the pinger; the first bearing is no impulse, since a start is not for a weight."""
+    rng = np.random.default_rng([seed, 2])
     for k in range(BEARINGS):
         turn = 2 * np.pi * k / BEARINGS
-        x, y = 40 * math.cos(turn), 40 * math.sin(turn)  # round the pinger once
-        error = float(noise.draw(rng, 1)[0]) if k else noise.std * rng.standard_normal()  # a start is not for a weight
-        bearing = math.atan2(PINGER[1] - y, PINGER[0] - x) + error
-        ray = Ray(x, y, wrap_angle(bearing), noise.std)
-        if state is None:
-            state = range_bank(ray, 1.0, 200.0, 0.02)
-            continue
-        state.predict(1.0, Drift(x, y, 0.0))
-        predicted, variance = state.predicted_bearing(x, y)
-        error = np.array([wrap_angle(ray.bearing - predicted)])
-        weight = float(weigh(error, np.array([variance]), noise)[0])
-        state.update(Ray(x, y, ray.bearing, noise.std, weight))
-    fix = state.estimate()
-    off = fix.mean - PINGER
-    return off[None], np.array([float(off @ np.linalg.solve(fix.cov, off)) / 2])
+        x, y = 40 * math.cos(turn), 40 * math.sin(turn)
+        error = float(noise.draw(rng, 1)[0]) if k else noise.std * rng.standard_normal()
+        yield Ray(x, y, wrap_angle(math.atan2(PINGER[1] - y, PINGER[0] - x) + error), noise.std)
 
 
-def row(name: str, run: Callable[..., tuple[Array, Array]], weigh: Weigh | None, std: float) -> str:
+def _predict(member: BearingEkf, ray: Ray) -> tuple[float, float]:
+    member.predict(1.0, Drift(ray.x, ray.y, 0.0))
+    return member.predicted_bearing(ray.x, ray.y)
+
+
+def _mixed(fixes: list[Fix], shares: Array) -> tuple[Array, Array]:
+    mean = np.einsum("k,ki->i", shares, [fix.mean for fix in fixes])
+    spread = [fix.cov + np.outer(fix.mean - mean, fix.mean - mean) for fix in fixes]
+    return mean, np.einsum("k,kij->ij", shares, spread)
+
+
+def _fix_error(mean: Array, cov: Array) -> tuple[Array, Array]:
+    off = mean - PINGER
+    return off[None], np.array([float(off @ np.linalg.solve(cov, off)) / 2])
+
+
+def gate_belief(sigma: float, error: Array, variance: Array, noise: ImpulsiveNoise) -> tuple[Array, Array]:
+    S = variance + noise.std**2
+    return gated(sigma, error, variance, noise), np.exp(-0.5 * np.minimum(error**2 / S, sigma**2)) / np.sqrt(S)
+
+
+def student_belief(dof: float, error: Array, variance: Array, noise: ImpulsiveNoise) -> tuple[Array, Array]:
+    S = variance + noise.std**2
+    return student_t(dof, error, variance, noise), (1 + error**2 / (dof * S)) ** (-(dof + 1) / 2) / np.sqrt(S)
+
+
+def mixture_belief(error: Array, variance: Array, noise: ImpulsiveNoise) -> tuple[Array, Array]:
+    S = variance + noise.std**2
+    gaussian = (1 - noise.fraction) * np.exp(-0.5 * error**2 / S) / np.sqrt(2 * np.pi * S)
+    impulse = noise.fraction * noise.impulse.density(error / noise.std) / noise.std
+    return mixture_weights(error, variance, noise), gaussian + impulse
+
+
+LOCALIZERS: dict[str, Mapping[str, object]] = {
+    "ekf, gate 5 sigma (default)": {},
+    "ekf, gate 3 sigma": {"gate_sigma": 3.0},
+    **{
+        f"particle_filter, {noise}": {"method": "particle_filter", "bearing_noise": noise, "gate_sigma": 100.0}
+        for noise in ("gaussian", "student_t", "mixture")
+    },
+}
+BELIEFS: dict[str, Believe] = {
+    "gate 3 sigma, each": partial(gate_belief, 3.0),
+    "gate 5 sigma, each": partial(gate_belief, 5.0),
+    "Student-t, 4 dof, each": partial(student_belief, 4.0),
+    "mixture, known, each": mixture_belief,
+}
+
+
+def row(name: str, run: Callable[..., tuple[Array, Array]], weigh: object, std: float) -> str:
     cells = []
     for fraction, scale in CASES:
         noise = ImpulsiveNoise(std, fraction, impulse(scale))
@@ -144,7 +220,7 @@ def row(name: str, run: Callable[..., tuple[Array, Array]], weigh: Weigh | None,
     return f"| {name} | " + " | ".join(cells) + " |"
 
 
-def table(title: str, run: Callable[..., tuple[Array, Array]], policies: dict[str, Weigh | None], std: float) -> None:
+def table(title: str, run: Callable[..., tuple[Array, Array]], policies: Mapping[str, object], std: float) -> None:
     heads = " | ".join(f"e = {e:g}, scale {s:g}: RMSE m | lost | NEES" for e, s in CASES)
     print(f"## {title}\n\n| | {heads} |\n|{'---|' * (1 + 3 * len(CASES))}")
     for name, weigh in policies.items():
@@ -154,4 +230,5 @@ def table(title: str, run: Callable[..., tuple[Array, Array]], policies: dict[st
 
 if __name__ == "__main__":
     table("Buoy tracker, 5 buoys, 1 ms", toa_run, {"as the node has it": None, **POLICIES}, TOA_STD)
-    table("Bearing EKF, 120 bearings of 2 degrees", bearing_run, dict(POLICIES), BEARING_STD)
+    table("Localizer as it is, 120 bearings of 2 degrees", localizer_run, LOCALIZERS, BEARING_STD)
+    table("Bank of bearing EKFs, a weight in each range hypothesis", bank_run, BELIEFS, BEARING_STD)
