@@ -81,7 +81,7 @@ class ParticleMooring:
         if not rows.size:
             return
         n = self._weights.shape[1]
-        below = (np.cumsum(self._weights[rows], axis=1) * n + 1 - first).astype(np.intp)
+        below = np.minimum((np.cumsum(self._weights[rows], axis=1) * n + 1 - first).astype(np.intp), n)
         below[:, -1] = n
         below[:, 1:] -= below[:, :-1]  # now the number of copies
         copies = np.array([np.repeat(values[rows], below.ravel()).reshape(below.shape) for values in self._cloud[:2]])
