@@ -16,7 +16,7 @@ from .tables import Sheet
 if TYPE_CHECKING:
     from .plot import Picture
 
-NETS = ("buoys",)  # parts of a scenario; each has its module plan_<name>
+NETS = ("buoys", "sonar")  # parts of a scenario; each has its module plan_<name>
 
 
 class Planner(Protocol):
