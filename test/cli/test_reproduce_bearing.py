@@ -2,6 +2,7 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from uw_acoustic_loc.cli.main import main
 from uw_acoustic_loc.cli.studies import bearing as study
 from uw_acoustic_loc.cli.studies import bearing_trials as trials
+from uw_acoustic_loc.cli.studies import slam_trials
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -18,6 +20,7 @@ def short(monkeypatch):
     """A fraction of the trials: enough to see that the command works."""
     for name, value in {"PINGS": 12, "SWEEP_PINGS": 25, "POSITION_PINGS": 25}.items():
         monkeypatch.setattr(trials, name, value)
+    monkeypatch.setattr(slam_trials, "SCENARIO", replace(slam_trials.SCENARIO, duration=5.0))
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from .tables import Sheet
 if TYPE_CHECKING:
     from .plot import Picture
 
-NAMES = ("bearing", "localizer", "toa", "multistatic", "impulsive")  # modules of cli/studies
+NAMES = ("bearing", "localizer", "slam", "toa", "multistatic", "impulsive")  # modules of cli/studies
 
 
 @dataclass(frozen=True, eq=False)
