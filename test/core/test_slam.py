@@ -123,15 +123,15 @@ def test_bearing_jacobian_and_sign():
 
 def test_regression_is_the_jacobian_when_sharp_and_the_spread_when_wide():
     x, y = 3.0, 4.0
-    deviation, slope, rest = regression(x, y, 1e-8 * np.eye(2))
+    deviation, slope, rest = regression(x, y, 1e-8, 0.0, 1e-8)
     np.testing.assert_allclose(slope, [-y / 25, x / 25], rtol=1e-5)
     assert abs(deviation) < 1e-8 and rest < 1e-12
     S = np.array([[0.5, 0.3], [0.3, 0.4]])
     drawn = np.random.default_rng(4).multivariate_normal([x, y], S, 200_000)
     angles = np.arctan2(drawn[:, 1], drawn[:, 0]) - math.atan2(y, x)
-    deviation, slope, rest = regression(x, y, S)
+    deviation, slope, rest = regression(x, y, 0.5, 0.3, 0.4)
     assert deviation == pytest.approx(angles.mean(), abs=2e-3)
-    assert slope @ S @ slope + rest == pytest.approx(angles.var(), rel=0.05)
+    assert np.array(slope) @ S @ slope + rest == pytest.approx(angles.var(), rel=0.05)
 
 
 def test_meeting_moves_with_the_biases_as_the_finite_differences_say():
@@ -233,3 +233,17 @@ def test_sentences():
         slam.on_imu(1_000_000_000, np.zeros(3), np.zeros(3))
     with pytest.raises(ValueError, match=r"mean and variances must be \(15,\)"):
         Joint(np.zeros(3), np.zeros(15))
+
+
+def test_a_correction_is_the_textbooks_and_leaves_the_covariance_symmetric():
+    rng = np.random.default_rng(8)
+    joint = Joint(np.zeros(SIZE), np.full(SIZE, 1e-2))
+    slot = joint.add(Fix(np.array([9.0, 4.0]), np.diag([0.2, 0.1])), 0.1 * rng.normal(size=(2, SIZE)))
+    for _ in range(50):
+        before, prediction = joint.cov.copy(), joint.bearing(slot, np.array([0.5, 0.2]))
+        mean = joint.mean + prediction.cross * 0.01 / (prediction.variance + 0.02)
+        joint.correct(prediction, 0.01, 0.02)
+        after = before - np.outer(prediction.cross, prediction.cross) / (prediction.variance + 0.02)
+        np.testing.assert_allclose(joint.cov, after, atol=1e-14)
+        np.testing.assert_allclose(joint.mean, mean, atol=1e-14)
+        np.testing.assert_allclose(joint.cov, joint.cov.T, rtol=0, atol=1e-15)  # BLAS rounds at the edges of its blocks

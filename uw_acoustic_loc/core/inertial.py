@@ -1,4 +1,4 @@
-"""Strapdown motion of a vehicle with a gyro bias (Choi et al. 2016, eq. 8-9), and its Jacobians.
+"""Strapdown motion of a vehicle with a gyro bias (Choi et al. 2016, eq. 8-9), and its Jacobian.
 
 State of a vehicle (15,): position, roll pitch yaw, body velocity u v w, gyro bias (3), bias of the velocity log (3).
 Gravity points down, so a level vehicle at rest feels a specific force of +9.81 along z.
@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from .geometry import rotation_from_rpy
 from .types import Array
 
 SIZE = 15
@@ -46,53 +45,32 @@ def moved(state: Array, rates: Array, force: Array, dt: float) -> Array:
     return np.asarray(state[:9] + dt * np.array(derivative))
 
 
-def jacobians(state: Array, rates: Array, dt: float) -> tuple[Array, Array]:
-    """F (9, 12) of `moved` with respect to the state's first 12, G (9, 3) with respect to the angular rate."""
+def jacobian(state: Array, rates: Array, dt: float) -> Array:
+    """F (9, 12) of `moved` with respect to the state's first 12. Minus its last 3 columns: that of the angular rate."""
     roll, pitch, yaw, u, v, w = state[3:9].tolist()
     p, q, r = (rates - state[GYRO_BIAS]).tolist()
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    tp = sp / cp
-    F, G = np.zeros((9, 12)), np.zeros((9, 3))
-    G[ATTITUDE] = (1.0, sr * tp, cr * tp), (0.0, cr, -sr), (0.0, sr / cp, cr / cp)
-    G[VELOCITY] = (0.0, -w, v), (w, 0.0, -u), (-v, u, 0.0)
-    F[POSITION, ATTITUDE] = _turning(cr, sr, cp, sp, yaw, (u, v, w))
-    F[POSITION, VELOCITY] = rotation_from_rpy(roll, pitch, yaw)
-    F[3:9, 3:5] = _tilting(cr, sr, cp, sp, q, r)
-    F[VELOCITY, VELOCITY] = (0.0, r, -q), (-r, 0.0, p), (q, -p, 0.0)
-    F[:, GYRO_BIAS] = -G
-    F *= dt
-    F[_DIAGONAL, _DIAGONAL] += 1.0
-    return F, G * dt
-
-
-def _turning(cr: float, sr: float, cp: float, sp: float, yaw: float, velocity: tuple[float, float, float]) -> Array:
-    """(3, 3) derivative of the velocity over ground with respect to roll, pitch and yaw."""
-    u, v, w = velocity
-    cy, sy = math.cos(yaw), math.sin(yaw)
+    cy, sy, tp = math.cos(yaw), math.sin(yaw), sp / cp
     lift = sr * v + cr * w
     forward, port, rise = cp * u + sp * lift, cr * v - sr * w, -sp * u + cp * lift
-    return np.array(
-        (
-            (cy * sp * port + sy * lift, cy * rise, -sy * forward - cy * port),
-            (sy * sp * port - cy * lift, sy * rise, cy * forward - sy * port),
-            (cp * port, -forward, 0.0),
-        )
+    climb, tilt, g = q * sr + r * cr, q * cr - r * sr, GRAVITY
+    turning = (cy * sp * port + sy * lift, cy * rise, -sy * forward - cy * port)  # of the velocity over ground, by
+    turned = (sy * sp * port - cy * lift, sy * rise, cy * forward - sy * port)  # roll, pitch and yaw
+    F = np.zeros((9, 12))
+    F[:, 3:] = (
+        (*turning, cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, 0.0, 0.0, 0.0),
+        (*turned, sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, 0.0, 0.0, 0.0),
+        (cp * port, -forward, 0.0, -sp, cp * sr, cp * cr, 0.0, 0.0, 0.0),
+        (tilt * tp, climb / cp**2, 0.0, 0.0, 0.0, 0.0, -1.0, -sr * tp, -cr * tp),
+        (-climb, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -cr, sr),
+        (tilt / cp, climb * tp / cp, 0.0, 0.0, 0.0, 0.0, 0.0, -sr / cp, -cr / cp),
+        (0.0, g * cp, 0.0, 0.0, r, -q, 0.0, w, -v),
+        (-g * cr * cp, g * sr * sp, 0.0, -r, 0.0, p, -w, 0.0, u),
+        (g * sr * cp, g * cr * sp, 0.0, q, -p, 0.0, v, -u, 0.0),
     )
-
-
-def _tilting(cr: float, sr: float, cp: float, sp: float, q: float, r: float) -> Array:
-    """(6, 2) derivative of the attitude's and the velocity's rates with respect to roll and pitch."""
-    tp, climb, tilt = sp / cp, q * sr + r * cr, q * cr - r * sr
-    return np.array(
-        (
-            (tilt * tp, climb / cp**2),
-            (-climb, 0.0),
-            (tilt / cp, climb * sp / cp**2),
-            (0.0, GRAVITY * cp),
-            (-GRAVITY * cr * cp, GRAVITY * sr * sp),
-            (GRAVITY * sr * cp, GRAVITY * cr * sp),
-        )
-    )
+    F *= dt
+    F[_DIAGONAL, _DIAGONAL] += 1.0
+    return F
 
 
 _STEEPEST = math.radians(85)  # Euler angles end at 90 degrees

@@ -37,10 +37,13 @@ class Joint:
     """Mean (n,) and covariance (n, n) of the vehicle's 15 states and 2 for each pinger (Choi et al. 2016, eq. 6-10)."""
 
     def __init__(self, mean: Array, variances: Array) -> None:
+        from scipy.linalg.blas import dger  # noqa: PLC0415  slow to import
+
         if mean.shape != (SIZE,) or variances.shape != (SIZE,):
             raise ValueError(f"mean and variances must be ({SIZE},), got {mean.shape} and {variances.shape}")
         self.mean, self.cov = mean.copy(), np.diag(variances)
         self._slots: list[Slot] = []
+        self._dger = dger
 
     def move(self, mean: Array, F: Array, Q: Array) -> None:
         """Takes over the moved first k states: F (k, m) their Jacobian with respect to the first m, Q (k, k)."""
@@ -62,11 +65,11 @@ class Joint:
         return Prediction(value, float(H @ cross[columns]), cross)
 
     def correct(self, prediction: Prediction, error: float, variance: float) -> None:
-        """Kalman update by one scalar (eq. 13-15)."""
-        gain = prediction.cross / (prediction.variance + variance)
-        change = np.outer(gain, prediction.cross)
-        self.cov -= (change + change.T) / 2
-        self.mean += gain * error
+        """Kalman update by one scalar (eq. 13-15): one pass over the covariance, in place."""
+        scale = (prediction.variance + variance) ** -0.5
+        scaled = scale * prediction.cross
+        self._dger(-1.0, scaled, scaled, a=self.cov.T, overwrite_a=1)  # BLAS wants columns contiguous: the transpose
+        self.mean += (scale * error) * scaled
 
     def add(self, fix: Fix, J: Array) -> Slot:
         """A new pinger whose error is J (2, 15) times the vehicle's, plus one of its own with the fix's covariance."""
@@ -90,34 +93,40 @@ class Joint:
 
     def bearing(self, slot: Slot, offset: Array) -> Prediction:
         """Bearing of a pinger in the vehicle's frame (eq. 12), heard by an array at `offset`."""
-        yaw = float(self.mean[YAW])
+        mean, cov, at = self.mean, self.cov, slot.start
+        yaw = float(mean[YAW])
         c, s = math.cos(yaw), math.sin(yaw)
         ox, oy = c * float(offset[0]) - s * float(offset[1]), s * float(offset[0]) + c * float(offset[1])
-        dx, dy = (self.mean[slot.part] - self.mean[:2] - (ox, oy)).tolist()
-        columns = [0, 1, YAW, slot.start, slot.start + 1]
-        D = np.array([[-1.0, 0.0, oy, 1.0, 0.0], [0.0, -1.0, -ox, 0.0, 1.0]])  # of (dx, dy)
-        deviation, slope, rest = regression(dx, dy, D @ self.cov[np.ix_(columns, columns)] @ D.T)
-        H = slope @ D
-        H[2] -= 1.0
-        linear = self.predict(wrap_angle(math.atan2(dy, dx) + deviation - yaw), columns, H)
-        return Prediction(linear.value, linear.variance + rest, linear.cross)
+
+        def apart(v: Array) -> tuple[float, float]:
+            """The Jacobian of (dx, dy) times v (n,)."""
+            get = v.item  # indexing gives numpy scalars, which are slow
+            return get(at) - get(0) + oy * get(YAW), get(at + 1) - get(1) - ox * get(YAW)
+
+        dx, dy = mean.item(at) - mean.item(0) - ox, mean.item(at + 1) - mean.item(1) - oy
+        by_x, by_y = cov[at] - cov[0] + oy * cov[YAW], cov[at + 1] - cov[1] - ox * cov[YAW]
+        deviation, (on_x, on_y), rest = regression(dx, dy, *apart(by_x), apart(by_y)[1])
+        cross = on_x * by_x + on_y * by_y - cov[YAW]
+        east, north = apart(cross)
+        value = wrap_angle(math.atan2(dy, dx) + deviation - yaw)
+        return Prediction(value, on_x * east + on_y * north - cross.item(YAW) + rest, cross)
 
     def position(self, slot: Slot) -> Fix:
         """A pinger's position with its covariance."""
         return Fix(self.mean[slot.part].copy(), self.cov[slot.part, slot.part].copy())
 
 
-def regression(x: float, y: float, S: Array) -> tuple[float, Array, float]:
-    """Statistical linearisation of atan2 for a vector with mean (x, y) and covariance S (2, 2).
+def regression(x: float, y: float, sxx: float, sxy: float, syy: float) -> tuple[float, tuple[float, float], float]:
+    """Statistical linearisation of atan2 for a vector with mean (x, y) and these variances and covariance.
 
-    Returns the mean of the angle's deviation from the mean vector's, the slope (2,), and the variance that the line
-    leaves (Arasaratnam, Haykin, Elliott 2007, with 3 x 3 Gauss-Hermite points). At short or uncertain range the
-    Jacobian at the mean would make an EKF overconfident and biased.
+    Returns the mean of the angle's deviation from the mean vector's, the slope, and the variance that the line leaves
+    (Arasaratnam, Haykin, Elliott 2007, with 3 x 3 Gauss-Hermite points). At short or uncertain range the Jacobian at
+    the mean would make an EKF overconfident and biased.
     """
     tiny = 1e-12 * (x * x + y * y) + 1e-300
-    a = math.sqrt(S[0, 0] + tiny)
-    b = float(S[0, 1]) / a
-    c = math.sqrt(max(S[1, 1] - b * b, 0.0) + tiny)  # Cholesky factor [[a, 0], [b, c]]
+    a = math.sqrt(sxx + tiny)
+    b = sxy / a
+    c = math.sqrt(max(syy - b * b, 0.0) + tiny)  # Cholesky factor [[a, 0], [b, c]]
     mean = square = on_p = on_q = 0.0
     for p, q, weight in _HERMITE:
         px, py = x + a * p, y + b * p + c * q
@@ -126,7 +135,7 @@ def regression(x: float, y: float, S: Array) -> tuple[float, Array, float]:
         square += weight * angle * angle
         on_p += weight * angle * p
         on_q += weight * angle * q
-    slope = np.array([(on_p - on_q * b / c) / a, on_q / c])
+    slope = (on_p - on_q * b / c) / a, on_q / c
     return mean, slope, max(square - mean * mean - on_p * on_p - on_q * on_q, 0.0)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..config import param
-from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, jacobians, moved
+from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, jacobian, moved
 from .joint import Joint, Prediction
 from .localizer import check_ranges, check_source_ids, independent_share, std_of
 from .slam_pinger import Pinger, Pose
@@ -137,11 +137,10 @@ class Slam:
         gyro = max(config.gyro_std, lost * _LOST_RATE) ** 2 * interval  # power densities of the held noise
         accelerometer = max(config.accelerometer_std, lost * _LOST_ACCELERATION) ** 2 * interval
         self._raw = _reckoned(self._raw, joint.mean[VELOCITY] + joint.mean[LOG_BIAS], float(self._rates[2]), dt)
-        mean = moved(joint.mean, self._rates, self._force, dt)
-        F, G = jacobians(joint.mean, self._rates, dt)
-        Q = G @ G.T * (gyro / dt)
+        F = jacobian(joint.mean, self._rates, dt)
+        Q = F[:, GYRO_BIAS] @ F[:, GYRO_BIAS].T * (gyro / dt)
         Q[_VELOCITY_DIAGONAL] += accelerometer * dt
-        joint.move(mean, F, Q)
+        joint.move(moved(joint.mean, self._rates, self._force, dt), F, Q)
         joint.widen(GYRO_BIAS, config.gyro_bias_walk**2 * dt)
 
     def _predicted_velocity(self, axis: int) -> Prediction:
