@@ -30,7 +30,7 @@ class SlamConfig:
     range_min: float = param(2.0, unit="m", low=1e-3, doc="a pinger is not nearer than this when it starts")
     range_max: float = param(200.0, unit="m", low=1e-3, doc="nor farther than this")
     array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
-    mirror: bool = param(False, doc="the side of the array is not known: carry both until one has won")
+    mirror: bool = param(False, doc="the side of the array is not known: carry both until a turn has settled it")
     mirror_probability: float = param(1e-3, low=1e-12, high=0.4, doc="a side less probable than this is dropped")
     gyro_std: float = param(0.01, unit="rad/s", low=1e-9, doc="white, per sample")
     gyro_bias_std: float = param(0.002, unit="rad/s", low=0, doc="at the start")
@@ -74,10 +74,12 @@ class Slam:
         self.joint = Joint(np.zeros(SIZE), variances)
         self.pingers: dict[str, Pinger] = {}
         self.dvl = Counts()
+        self.imu_gaps = 0  # longer than imu_timeout
+        self.imu_age = 0.0  # s, how old the last IMU reading was when another sensor's came
         self._rates, self._force = np.zeros(3), np.zeros(3)
         self._raw = Pose(0.0, 0.0, 0.0, 0.0)  # dead reckoning with the biases in it
         self._heard_ns: dict[str, int] = {}
-        self._t_ns = self._imu_ns = 0
+        self._begin_ns = self._t_ns = self._imu_ns = self._dvl_ns = 0
         self._interval = 0.0  # s between the last two IMU readings
 
     @property
@@ -85,18 +87,39 @@ class Slam:
         """(3,) the last angular rate without its bias."""
         return self._rates - self.joint.mean[GYRO_BIAS]
 
+    @property
+    def dvl_age(self) -> float:
+        """Time in s since the Doppler log's last reading, or since the start."""
+        return (self._t_ns - (self._dvl_ns or self._begin_ns)) * 1e-9
+
     def on_imu(self, t_ns: int, rates: Array, force: Array) -> None:
-        """Moves the vehicle to the stamp with the reading before this one, which then holds until the next (eq. 9)."""
+        """Moves the vehicle to the stamp with the reading before this one, which then holds until the next (eq. 9).
+
+        Raises:
+            ValueError: a reading that no vehicle can feel, or a stamp that does not advance.
+        """
+        _require_plausible("angular rate", rates, _FASTEST, "rad/s")
+        _require_plausible("specific force", force, _HARDEST, "m/s^2")
         if self._imu_ns:
             self._require_order(t_ns)
+            _require_later("IMU reading", t_ns, self._imu_ns)
             self._interval = (t_ns - self._imu_ns) * 1e-9
+            if self._interval > self.config.imu_timeout:
+                self._after_gap()
             self._advance(t_ns)
-        self._rates, self._force, self._imu_ns, self._t_ns = rates, force, t_ns, t_ns
+        self._begin_ns = self._begin_ns or t_ns
+        self._rates, self._force, self._imu_ns, self._t_ns, self.imu_age = rates, force, t_ns, t_ns, 0.0
 
     def on_velocity(self, t_ns: int, linear: Array) -> None:
-        """Corrects by a Doppler log's velocity over ground, three scalars."""
+        """Corrects by a Doppler log's velocity over ground, three scalars.
+
+        Raises:
+            ValueError: no recent IMU reading, or a stamp that does not advance.
+        """
         self._require_imu(t_ns)
+        _require_later("velocity", t_ns, self._dvl_ns)
         self._advance(t_ns)
+        self._dvl_ns = t_ns
         if not self._velocity_fits(linear):
             return
         for axis in range(3):
@@ -111,8 +134,7 @@ class Slam:
         """
         std = self.config.bearing_std or std_of(variance)
         self._require_imu(t_ns)
-        if t_ns <= self._heard_ns.get(source_id, 0):
-            raise ValueError(f"bearing at {t_ns} ns must come after the one at {self._heard_ns[source_id]} ns")
+        _require_later("bearing", t_ns, self._heard_ns.get(source_id, 0))
         self._advance(t_ns)
         interval = (t_ns - self._heard_ns[source_id]) * 1e-9 if source_id in self._heard_ns else math.inf
         share = independent_share(interval, self.config.bearing_correlation_time)
@@ -123,6 +145,12 @@ class Slam:
     def position(self, source_id: str) -> Fix | None:
         """Where a pinger is; None while its side or its range is not known."""
         return self.pingers[source_id].fix if source_id in self.pingers else None
+
+    def _after_gap(self) -> None:
+        """Lines from before and after do not belong to one known track."""
+        self.imu_gaps += 1
+        for pinger in self.pingers.values():
+            pinger.drop_lines()
 
     def _advance(self, t_ns: int) -> None:
         duration = (t_ns - self._t_ns) * 1e-9
@@ -169,9 +197,20 @@ class Slam:
         if not self._imu_ns:
             raise ValueError("no IMU reading yet")
         self._require_order(t_ns)
-        age = (t_ns - self._imu_ns) * 1e-9
-        if age > self.config.imu_timeout:
-            raise ValueError(f"the IMU is {age:.3f} s behind, allowed are {self.config.imu_timeout:g} s")
+        self.imu_age = (t_ns - self._imu_ns) * 1e-9
+        if self.imu_age > self.config.imu_timeout:
+            raise ValueError(f"the IMU is {self.imu_age:.3f} s behind, allowed are {self.config.imu_timeout:g} s")
+
+
+def _require_later(what: str, t_ns: int, last_ns: int) -> None:
+    if t_ns <= last_ns:
+        raise ValueError(f"{what} at {t_ns} ns must come after the one at {last_ns} ns")
+
+
+def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> None:
+    largest = float(np.abs(vector).max())
+    if largest > limit:
+        raise ValueError(f"{what} must be at most {limit:g} {unit} on each axis, got {largest:g}")
 
 
 def _reckoned(raw: Pose, velocity: Array, rate: float, dt: float) -> Pose:
@@ -186,4 +225,5 @@ _LONGEST_STEP = 0.02  # s
 _LOST_RATE = 0.2  # rad/s, how well a reading describes a gap
 _LOST_ACCELERATION = 0.5  # m/s^2
 _PUSHED = 3
+_FASTEST, _HARDEST = 10.0, 100.0  # rad/s, m/s^2; beyond is a fault, one held reading of which would turn the track
 _VELOCITY_DIAGONAL = (np.arange(6, 9), np.arange(6, 9))

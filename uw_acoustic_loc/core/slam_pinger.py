@@ -72,6 +72,11 @@ class Lines:
         self._lines[self._count] = line
         self._count += 1
 
+    @property
+    def turn(self) -> float:
+        """How far the vehicle has turned to and fro while the lines were heard."""
+        return float(np.ptp(self._lines[: self._count, 5]))
+
     def meeting(self, raw: Pose, pose: Pose, biases: Array, bias_cov: Array) -> Meeting | None:
         """In the frame of `pose`, the estimate of where the raw track has come to.
 
@@ -150,6 +155,10 @@ class Pinger:
         if self.used % _EVERY == 0:
             self._try_to_start(config, raw)
 
+    def drop_lines(self) -> None:
+        """Begins anew with a pinger whose position is not known yet."""
+        self._sides = []
+
     def _correct(
         self, slot: Slot, config: SlamConfig, images: list[float], std: float, share: float, offset: Array
     ) -> None:
@@ -174,12 +183,15 @@ class Pinger:
             self.restarts += 1
 
     def _try_to_start(self, config: SlamConfig, raw: Pose) -> None:
+        self.both_sides = len(self._sides) == 2
+        if self.both_sides and self._sides[0].turn < _TURN:
+            return
         mean = self._joint.mean
         pose = Pose(float(mean[0]), float(mean[1]), float(mean[YAW]), raw.time)
         bias_cov = self._joint.cov[np.ix_(BIASES, BIASES)]
         found = [side.meeting(raw, pose, mean[BIASES], bias_cov) for side in self._sides]
         best = _decided([m for m in found if m is not None], len(found), config.mirror_probability)
-        self.both_sides = len(found) == 2 and best is None
+        self.both_sides = self.both_sides and best is None
         if best is None or not best.sharp:
             return
         dx, dy = best.fix.mean - (pose.x, pose.y)
@@ -215,5 +227,6 @@ BIASES = [GYRO_BIAS.stop - 1, LOG_BIAS.start, LOG_BIAS.start + 1]  # those that 
 _CAPACITY = 400  # lines
 _MEMORY = 100.0  # s
 _EVERY = 5  # bearings
+_TURN = 0.7  # rad; on a straight track the mirror image fits as well, and what the gyro drifts looks like evidence
 _KNOWN = 0.07
 _FREEDOM = 4.0

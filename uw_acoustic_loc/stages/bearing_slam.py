@@ -45,17 +45,38 @@ class BearingSlamStage:
     def status(self) -> Status:
         slam = self._slam
         values: dict[str, float | int | str] = {"dvl.used": slam.dvl.used, "dvl.unused": slam.dvl.unused}
+        values |= {"imu.gaps": slam.imu_gaps, "imu.age_s": slam.imu_age, "dvl.age_s": slam.dvl_age}
         values["position_std_m"] = math.sqrt(slam.joint.cov[0, 0] + slam.joint.cov[1, 1])
         values["yaw_std_rad"] = math.sqrt(slam.joint.cov[YAW, YAW])
         for name, pinger in slam.pingers.items():
             values |= {f"{name}.{key}": getattr(pinger, key) for key in ("used", "unused", "restarts", "nis")}
+        silent = [name for name in slam.config.source_ids if name not in slam.pingers]
+        faults = self._faults()
+        message = "; ".join([*faults, *self._open()])
+        return Status(Status.WARN if silent or faults else Status.OK, message or "running", values)
+
+    def _faults(self) -> list[str]:
+        slam = self._slam
+        faults = {
+            f"the IMU is silent for {slam.imu_age:.1f} s": slam.imu_age > slam.config.imu_timeout,
+            f"no velocity for {slam.dvl_age:.1f} s": slam.dvl_age > _DVL_TIMEOUT,
+            f"{slam.dvl.in_a_row} velocities in a row do not fit": slam.dvl.in_a_row > 0,
+        }
+        return [words for words, true in faults.items() if true]
+
+    def _open(self) -> list[str]:
+        """What is not known yet of which pingers."""
+        slam = self._slam
         heard = [name for name in slam.config.source_ids if name in slam.pingers]
         both = [name for name in heard if slam.pingers[name].both_sides]
         unknown = [name for name in heard if slam.pingers[name].fix is None and name not in both]
         silent = [name for name in slam.config.source_ids if name not in heard]
-        parts = {"no bearing yet of": silent, "range not yet known of": unknown, "both sides remain possible of": both}
-        message = "; ".join(f"{words} {', '.join(names)}" for words, names in parts.items() if names)
-        return Status(Status.WARN if silent else Status.OK, message or "running", values)
+        parts = {
+            "no bearing yet of": silent,
+            "range not yet known of": unknown,
+            "until the vehicle turns, both sides remain possible of": both,
+        }
+        return [f"{words} {', '.join(names)}" for words, names in parts.items() if names]
 
     def change(self, config: SlamConfig) -> None:
         self._slam.config = config
@@ -110,5 +131,6 @@ def _twist_cov(slam: Slam) -> Array:
     return twist
 
 
+_DVL_TIMEOUT = 2.0  # s
 _ODOMETRY_PERIOD_NS = 100_000_000
 _POSITION_PERIOD_NS = 500_000_000
