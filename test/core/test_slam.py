@@ -247,3 +247,12 @@ def test_a_correction_is_the_textbooks_and_leaves_the_covariance_symmetric():
         np.testing.assert_allclose(joint.cov, after, atol=1e-14)
         np.testing.assert_allclose(joint.mean, mean, atol=1e-14)
         np.testing.assert_allclose(joint.cov, joint.cov.T, rtol=0, atol=1e-15)  # BLAS rounds at the edges of its blocks
+
+
+def test_no_side_is_chosen_on_a_straight_track():
+    """The gyro's drift bends the track, and its mirror image the other way: neither is evidence."""
+    for seed in range(2):
+        scenario = replace(SCENARIO, seed=seed, duration=85.0)
+        slam = Slam(config(mirror=True))
+        feed(slam, measurements(scenario))
+        assert all(slam.pingers[name].both_sides and slam.position(name) is None for name in PINGERS)
