@@ -17,7 +17,7 @@ __all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "a
 _LOST = 1e-3  # probability per ping that the source is not where the filter has it
 _SUSPICION = 1e-4  # of the weight
 _SEARCHERS = 20
-_SEARCH = 4  # pings from one search to the next
+_SEARCH = 4  # pings from one search to the next, unless a ping comes as a surprise
 _NOISES = 1 << 16
 _STEP = 0.025  # rad of motion noise, at most, that waits for the ping: a quarter of what carrier cycles lie apart
 _POOR = 0.25  # of the particles count, and they are resampled
@@ -132,9 +132,11 @@ class ParticleFilter:
         else:
             self._resample_if_poor()
             self._weights *= self._follow(likelihood)
-            if self._pings % _SEARCH == 0:
+            evidence = float(self._weights.sum())
+            if self._pings % _SEARCH == 0 or evidence < 2.0 * likelihood.floor:
                 self._search(likelihood)
-            self._weights /= self._weights.sum()
+                evidence = float(self._weights.sum())
+            self._weights /= np.float32(evidence)
         self._pending = 0.0
         self._pings += 1
 
