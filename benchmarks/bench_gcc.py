@@ -25,11 +25,11 @@ from uw_acoustic_loc.core.gcc import BandSplitter, Correlator, Piece
 RATE, N, PULSE, MAX_LAG = 100e3, 10_000, 0.01, 0.6 / 1500.0
 BANDS = ((18e3, 24e3), (26e3, 32e3), (34e3, 40e3))
 SNR_DB = 20.0  # in the band, over the ping
-INTERP = 16  # of the peers that interpolate by padding the spectrum
+INTERP = 32  # of the peers that pad the spectrum: with 16, their steps would be most of their error
 HALF_CYCLE = 1e-5  # s; an error beyond it is a wrong cycle
-SNIPPET, SINGLE = "gcc_phat snippet, interp 16", "gcc_phat snippet, interp 16, float32"
-Solver = Callable[[np.ndarray, np.ndarray, np.ndarray], list[float]]
-Block = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+SNIPPET, SINGLE = "gcc_phat snippet, interp 32", "gcc_phat snippet, interp 32, float32"
+Solver = Callable[[np.ndarray, np.ndarray, list[float]], list[float]]
+Block = tuple[np.ndarray, np.ndarray, list[float], np.ndarray]
 
 
 def blocks(count: int, rng: np.random.Generator) -> list[Block]:
@@ -43,7 +43,7 @@ def blocks(count: int, rng: np.random.Generator) -> list[Block]:
             age = t - start - np.array([[0.5], [-0.5]]) * tdoa
             wave = np.cos(2 * np.pi * (low * age + (high - low) / (2 * PULSE) * age**2))
             x += np.where((age >= 0) & (age < PULSE), wave, 0.0)
-        found.append((*x.astype(np.float32), starts, tdoas))
+        found.append((*x.astype(np.float32), starts.tolist(), tdoas))
     return found
 
 
@@ -54,10 +54,10 @@ class Ours:
         self.window = round(1.2 * PULSE * self.splitter.rate)
         self.correlator = Correlator(self.splitter, self.window, MAX_LAG)
 
-    def rows(self, starts: np.ndarray) -> list[int]:
+    def rows(self, starts: list[float]) -> list[int]:
         return [int((start - 0.1 * PULSE) * self.splitter.rate) for start in starts]
 
-    def __call__(self, h0: np.ndarray, h1: np.ndarray, starts: np.ndarray) -> list[float]:
+    def __call__(self, h0: np.ndarray, h1: np.ndarray, starts: list[float]) -> list[float]:
         values = self.splitter.split(h0, h1).values
         pieces = [Piece(k, values[k][:, row : row + self.window], 1e-3) for k, row in enumerate(self.rows(starts))]
         return [float(found.tdoas[0]) for found in self.correlator.correlate(pieces, "cc", 4)]
@@ -74,7 +74,7 @@ def scipy_filter_correlate() -> Solver:
         k = 1 + int(np.argmax(c[1:-1]))
         return (k - reach + 0.5 * (c[k - 1] - c[k + 1]) / (c[k - 1] - 2 * c[k] + c[k + 1])) / RATE
 
-    def solve(h0: np.ndarray, h1: np.ndarray, _: np.ndarray) -> list[float]:
+    def solve(h0: np.ndarray, h1: np.ndarray, _: list[float]) -> list[float]:
         pair = np.stack([h0, h1])
         return [one(*signal.sosfiltfilt(sos, pair)) for sos in filters]
 
@@ -93,7 +93,7 @@ def usual_gcc_phat() -> Solver:
         cc = np.concatenate([cc[-reach:], cc[: reach + 1]])
         return (int(np.argmax(cc)) - reach) / (INTERP * RATE)
 
-    def solve(h0: np.ndarray, h1: np.ndarray, _: np.ndarray) -> list[float]:
+    def solve(h0: np.ndarray, h1: np.ndarray, _: list[float]) -> list[float]:
         r = np.fft.rfft(h0, n) * np.conj(np.fft.rfft(h1, n))
         r /= np.abs(r) + 1e-15
         return [one(r * mask) for mask in masks]
@@ -106,7 +106,7 @@ def pyroom_tdoa() -> Solver:
 
     filters = [signal.butter(4, band, "bandpass", fs=RATE, output="sos") for band in BANDS]
 
-    def solve(h0: np.ndarray, h1: np.ndarray, _: np.ndarray) -> list[float]:
+    def solve(h0: np.ndarray, h1: np.ndarray, _: list[float]) -> list[float]:
         pairs = (signal.sosfiltfilt(sos, np.stack([h0, h1])) for sos in filters)
         return [float(tdoa(a, b, interp=INTERP, fs=RATE, phat=False)) for a, b in pairs]
 
@@ -134,7 +134,7 @@ def main() -> int:
         "scipy sosfiltfilt + correlate": (scipy_filter_correlate(), 20.0),
         SNIPPET: (usual_gcc_phat(), 80.0),
     }
-    pyroom = "pyroomacoustics tdoa, interp 16"
+    pyroom = "pyroomacoustics tdoa, interp 32"
     installed = importlib.util.find_spec("pyroomacoustics") is not None
     if installed:
         solvers[pyroom] = (pyroom_tdoa(), 50.0)

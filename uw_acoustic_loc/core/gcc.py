@@ -25,6 +25,7 @@ _LAGS_PER_CYCLE = 10  # of the highest frequency in the band
 _EDGE = 4  # grid steps beyond the array's largest lag, where the maximum of a source at end-fire may lie
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
 _SMOOTH = 5  # bins over which spectra are averaged before they become weights: a single bin has no coherence
+_BLOCK = 0.08  # cycles that bins summed before the correlation may turn at the largest lag
 _TINY = 1e-30  # power that stands for digital silence
 _TAPER = 32  # samples at both ends of a block that are faded, against leakage from one band into another
 
@@ -78,9 +79,8 @@ class BandSplitter:
 
     def split(self, h0: AnyArray, h1: AnyArray) -> Envelopes:
         """Envelopes of samples (n,), n <= length."""
-        z = np.zeros(self.length, np.complex64)
-        n = h0.size
-        z.real[:n], z.imag[:n] = h0, h1
+        z, n = np.empty(self.length, np.complex64), h0.size
+        z.real[:n], z.imag[:n], z[n:] = h0, h1, 0.0
         edge = min(_TAPER, n)
         z[:edge] *= self._fade[:edge]
         z[n - edge : n] *= self._fade[:edge][::-1]
@@ -133,13 +133,20 @@ class Correlator:
         self._step = 1.0 / (_LAGS_PER_CYCLE * float(splitter.bands.max()))
         steps = math.ceil(max_lag / self._step) + _EDGE
         self.lags = np.asarray(np.arange(-steps, steps + 1) * self._step, dtype=np.float64)
-        self._tables, self._moments = self._lag_tables(), self._moment_tables()
+        block = max(int(_BLOCK * self._length / (splitter.rate * max_lag)), 1)
+        self._blocks = np.arange(0, self._omega.shape[1], block)
+        self._tables, self._moments = self._lag_tables(block), self._moment_tables()
         self._largest_std = float(self.lags[-1]) / math.sqrt(3.0)
 
-    def _lag_tables(self) -> AnyArray:
-        """(B, 2 bins, L) that turn a spectrum, real and imaginary parts in turn, into its correlation."""
-        phase = self._omega.astype(np.float64)[:, :, None] * self.lags
-        table = np.stack([np.cos(phase), -np.sin(phase)], axis=2) * self._inside[:, :, None, None]
+    def _lag_tables(self, block: int) -> AnyArray:
+        """(B, 2 blocks, L) that turn the blocks' sums, real and imaginary parts in turn, into a correlation.
+
+        The bins of a block turn against each other by the true lag, which lowers all maxima alike.
+        """
+        last = np.minimum(self._blocks + block, self._omega.shape[1]) - 1
+        middle = 0.5 * (self._omega[:, self._blocks] + self._omega[:, last]).astype(np.float64)
+        phase = middle[:, :, None] * self.lags
+        table = np.stack([np.cos(phase), -np.sin(phase)], axis=2)
         return np.asarray(table.reshape(len(phase), -1, self.lags.size), dtype=np.float32)
 
     def _moment_tables(self) -> AnyArray:
@@ -158,11 +165,12 @@ class Correlator:
         cross: Complex = g[:, 0] * g[:, 1].conj()
         weights = None if weighting == "cc" else np.stack([_weights(h0, h1, weighting) for h0, h1 in g])
         weighted = cross if weights is None else np.asarray(cross * weights, dtype=np.complex64)
-        values = np.empty((len(pieces), self.lags.size), np.float32)
-        for piece, spectrum, row in zip(pieces, weighted, values, strict=True):
-            np.dot(spectrum.view(np.float32), self._tables[piece.band], out=row)
-        maxima = self._maxima(values, count)
         bands = [piece.band for piece in pieces]
+        sums = np.add.reduceat(weighted * self._inside.take(bands, axis=0), self._blocks, axis=1).view(np.float32)
+        values = np.empty((len(pieces), self.lags.size), np.float32)
+        for band, row, out in zip(bands, sums, values, strict=True):
+            np.dot(row, self._tables[band], out=out)
+        maxima = self._maxima(values, count)
         back = _phasors(self._omega.take(bands, axis=0) * np.array([[tdoas[0]] for tdoas, _ in maxima], np.float32))
         turned = weighted * back
         moments = (self._moments.take(bands, axis=0) @ turned.view(np.float32)[:, :, None])[:, :, 0].tolist()
@@ -178,8 +186,8 @@ class Correlator:
         found: list[list[float]] = np.stack([part.sum(axis=1, dtype=np.float64) for part in parts], axis=1).tolist()
         return found
 
-    def _maxima(self, values: AnyArray, count: int) -> list[tuple[Array, Array]]:
-        """Per row (P,) lags and heights of the strongest local maxima, the strongest first.
+    def _maxima(self, values: AnyArray, count: int) -> list[Array]:
+        """Per row (2, P): lags and heights of the strongest local maxima, the strongest first.
 
         Parabolas are compared: the raw grid would favour some maxima. They leave tens of ns, a tenth of what echoes do.
         """
@@ -193,24 +201,25 @@ class Correlator:
         up, down = rise.take(top - 1), rise.take(top)
         slope = up + down
         offset = slope / (up - down)
-        heights = flat.take(top) + 0.125 * slope * offset
-        tdoas = self.lags.take(column) + (0.5 * self._step) * offset
+        both = np.empty((2, top.size))
+        np.add(self.lags.take(column), (0.5 * self._step) * offset, out=both[0])
+        np.add(flat.take(top), 0.125 * slope * offset, out=both[1])
         ends = top.searchsorted(np.arange(0, flat.size + 1, width)).tolist()
         found = []
         for row, (a, b) in zip(values, pairwise(ends), strict=True):
-            best = heights[a:b].argsort()[: -count - 1 : -1] + a
-            found.append((tdoas.take(best), heights.take(best)) if a < b else self._edge(row))
+            best = both[1, a:b].argsort()[: -count - 1 : -1] + a
+            found.append(both.take(best, axis=1) if a < b else self._edge(row))
         return found
 
-    def _edge(self, values: AnyArray) -> tuple[Array, Array]:
+    def _edge(self, values: AnyArray) -> Array:
         """What stands for the maxima of a correlation that has none."""
-        return self.lags[[int(values.argmax())]], np.ones(1)
+        return np.array([[self.lags[int(values.argmax())]], [1.0]])
 
     def _refined(
         self,
         piece: Piece,
         values: AnyArray,
-        maxima: tuple[Array, Array],
+        maxima: Array,
         moments: list[float],
         powers: list[float] | None,
     ) -> Correlation:
