@@ -94,3 +94,17 @@ def test_motion_moves_the_pings_and_they_are_kept(period):
     turn = emitted[40]
     onsets = emitted + (200.0 - 3.0 * np.minimum(emitted, turn) + 3.0 * np.maximum(emitted - turn, 0.0)) / 1500.0
     assert misses(taken(PingSchedule(TIMING), onsets), onsets) == (0, 0)
+
+
+@pytest.mark.parametrize("first", range(8))
+def test_a_chain_of_echoes_settles_on_the_direct_path_wherever_it_begins(first):
+    """15, 27 and 45 ms late: 85 ms lie between the third echo's beginning and the next but one, which is no period."""
+    rng = np.random.default_rng(first)
+    echoes = np.array([0.0, 0.015, 0.027, 0.045])
+    onsets = np.sort((0.1 * np.arange(60)[:, None] + echoes + rng.normal(0.0, 3e-4, (60, 4))).ravel())
+    heard = [t for t in onsets[first:] if rng.random() < 0.95]
+    schedule = PingSchedule(TIMING)
+    found = [t for t in taken(schedule, heard) if t > 3.0]
+    assert schedule.period == pytest.approx(0.1, abs=1e-3)
+    assert np.all(np.abs((np.array(found) + 0.05) % 0.1 - 0.05) < 2e-3)
+    assert len(found) > 20

@@ -121,11 +121,14 @@ class Correlator:
     def __init__(self, splitter: BandSplitter, length: int, max_lag: float) -> None:
         self._length = fft.next_fast_len(length)
         freq = splitter.base[:, None] + np.arange(self._length) * (splitter.rate / self._length)
-        first, last = np.array([np.searchsorted(f, band) for f, band in zip(freq, splitter.bands, strict=True)]).T
-        last = np.maximum(last, first + 1)
+        bin_width = splitter.rate / self._length
+        first = np.array([np.searchsorted(f, band[0]) for f, band in zip(freq, splitter.bands, strict=True)])
+        last = first + np.maximum(np.rint(np.diff(splitter.bands)[:, 0] / bin_width).astype(int), 1)
         self._bins = slice(int(first.min()), int(last.max()))
         k = np.arange(self._length)[self._bins]
-        self._inside = ((k >= first[:, None]) & (k < last[:, None])).astype(np.float32)
+        inside = (k >= first[:, None]) & (k < last[:, None])
+        self._inside = inside.astype(np.float32)
+        self._alike = bool(inside.all())
         self._omega = np.asarray(2 * np.pi * freq[:, self._bins], dtype=np.float32)
         self._omega_2 = np.square(self._omega, dtype=np.float64) * self._inside
         self._noise_scale = (splitter.rate / splitter.noise_width).tolist()  # of a bin's, per envelope power and sample
@@ -166,7 +169,9 @@ class Correlator:
         weights = None if weighting == "cc" else np.stack([_weights(h0, h1, weighting) for h0, h1 in g])
         weighted = cross if weights is None else np.asarray(cross * weights, dtype=np.complex64)
         bands = [piece.band for piece in pieces]
-        sums = np.add.reduceat(weighted * self._inside.take(bands, axis=0), self._blocks, axis=1).view(np.float32)
+        if not self._alike:
+            weighted = weighted * self._inside.take(bands, axis=0)
+        sums = np.add.reduceat(weighted, self._blocks, axis=1).view(np.float32)
         values = np.empty((len(pieces), self.lags.size), np.float32)
         for band, row, out in zip(bands, sums, values, strict=True):
             np.dot(row, self._tables[band], out=out)

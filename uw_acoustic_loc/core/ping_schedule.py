@@ -20,9 +20,11 @@ _ENDS = 6  # latest onsets that a period is looked for from: some of them are st
 _REPEATED = 0.45  # share of the onsets that a period must explain
 _AS_GOOD = 0.85  # of the best share, for a shorter period: its multiples explain as much
 _REFINEMENTS = 2
+_FOLDED = 3  # periods in which an onset must have come to be looked at
 _LOOK_BACK = 12  # periods, for the onsets that are always there
 _RELIABLE = 0.6  # share of the most reliable one's appearances
 _ALPHA, _BETA = 0.5, 0.1  # gains of the phase and of the period
+_LONGER = 1.9  # times the known period is not yet twice it, which is what lost pings look like
 _LOST = 4  # pings expected in vain, after which strays mean another phase
 _STRAYS = 8  # after which the phase is looked at again
 
@@ -82,12 +84,13 @@ class PingSchedule:
         """Whether the onset at t is a ping by what has been heard so far."""
         self._strays = 0
         lost = not self.period or t - self._phase > _LOST * self.period
-        found = learn(np.array(self._onsets), self._timing, self._timing.longest if lost else 1.1 * self.period)
+        found = learn(np.array(self._onsets), self._timing, self._timing.longest if lost else _LONGER * self.period)
         if found is not None:
             self.period, phase = found
+            now = abs(phase - t) <= min(self._timing.jitter, self.period) / 2
             fresh = phase > self._phase + self.period / 2
-            self._phase = phase
-            return fresh and phase == t
+            self._phase = t if now else phase
+            return fresh and now
         if not lost:
             return False
         self.period = 0.0
@@ -115,29 +118,44 @@ def learn(times: Array, timing: Timing, longest: float) -> tuple[float, float] |
 def _repeated(times: Array, periods: Array, timing: Timing) -> tuple[Array, Array]:
     """Share of the onsets that are followed by another a period (m,) later, and how much later still, on average.
 
-    What chance would do with as many onsets is taken off the share.
+    A follower counts the less the further off it is: among several echoes a wrong period finds one within the tolerance
+    as often as not. What chance would do with as many onsets is taken off the share.
     """
     tolerance = np.minimum(timing.jitter + timing.drift * periods, periods / 4)[:, None]
     due = times + periods[:, None]
     off = times[_nearest(times, due)] - due
-    hits = np.abs(off) <= tolerance
+    near = np.maximum(1.0 - np.abs(off) / tolerance, 0.0)
+    hits = near > 0.0
     count = hits.sum(axis=1)
     possible = np.maximum((due <= times[-1] + tolerance).sum(axis=1), 1)
-    chance = -np.expm1(-2.0 * tolerance[:, 0] * times.size / (times[-1] - times[0]))
-    shares = np.minimum((count / possible - chance) / (1.0 - chance), 1.0)
+    density = 2.0 * tolerance[:, 0] * times.size / (times[-1] - times[0])
+    chance = 1.0 + np.expm1(-density) / density
+    shares = np.minimum((near.sum(axis=1) / possible - chance) / (1.0 - chance), 1.0)
     return np.where(count >= timing.pings - 1, shares, 0.0), (off * hits).sum(axis=1) / np.maximum(count, 1)
 
 
 def _first_path(times: Array, period: float, timing: Timing) -> float:
-    """Of the onsets of the last period that repeat, the one after the longest silence."""
-    recent = times[times > times[-1] - period + timing.tolerance(0.0)]
-    back = period * np.arange(1, max(2, min(_LOOK_BACK, math.floor((times[-1] - times[0]) / period)) + 1))
+    """Of the onsets that repeat, the one after the longest silence: when it came, or was due, in the last period."""
+    recent = _folded(times, period, timing.tolerance(0.0))
+    back = period * np.arange(1, max(2, min(_LOOK_BACK, math.floor((times[-1] - times[0]) / period))) + 1)
     expected = recent[:, None] - back
     off = np.abs(times[_nearest(times, expected)] - expected)
     often = (off <= np.minimum(timing.jitter + timing.drift * back, period / 4)).mean(axis=1)
     steady = recent[often >= _RELIABLE * often.max()]
     silences = np.diff(steady, prepend=steady[-1] - period)
-    return float(steady[np.argmax(silences)])
+    first = float(steady[np.argmax(silences)])
+    return first if first <= times[-1] else first - period  # due at any moment
+
+
+def _folded(times: Array, period: float, tolerance: float) -> Array:
+    """The onsets of the last periods as they would repeat in the last one: one ping may have failed in it."""
+    latest = times[times > times[-1] - _FOLDED * period + tolerance]
+    due = np.sort(latest + period * np.floor((times[-1] + tolerance - latest) / period))
+    kept = [due[0]]
+    for t in due[1:]:
+        if t - kept[-1] > min(tolerance, period / 4):
+            kept.append(t)
+    return np.array(kept)
 
 
 def _nearest(times: Array, wanted: Array) -> NDArray[np.intp]:

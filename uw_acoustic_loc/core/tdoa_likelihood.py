@@ -10,7 +10,6 @@ import numpy as np
 from .gcc import Correlation
 from .types import AnyArray, Array
 
-_CELLS = (np.arange(1024) + 0.5) / 512 - 1.0  # of the possible TDOAs, in largest lags; each belongs to one maximum
 _OUTLIER = 0.05  # probability that no maximum of a correlation belongs to the direct path
 
 
@@ -47,12 +46,10 @@ class PeakLikelihood:
 
     def nearest(self, tdoas: AnyArray) -> tuple[AnyArray, AnyArray]:
         """(n,) share of the maximum next to each TDOA, and how far off it is in s."""
-        middles = (self.tdoas[1:] + self.tdoas[:-1]) / (2.0 * self.max_lag)
-        owner = middles.searchsorted(_CELLS)
-        cell = (tdoas * (0.5 * _CELLS.size / self.max_lag) + 0.5 * _CELLS.size).astype(np.intp)
-        shares = ((1.0 - _OUTLIER) * self.weights).astype(tdoas.dtype).take(owner)
-        centres = self.tdoas.astype(tdoas.dtype).take(owner)
-        return shares.take(cell, mode="clip"), centres.take(cell, mode="clip") - tdoas
+        owner = (0.5 * (self.tdoas[1:] + self.tdoas[:-1])).astype(tdoas.dtype).searchsorted(tdoas)
+        shares = ((1.0 - _OUTLIER) * self.weights).astype(tdoas.dtype)
+        centres = self.tdoas.astype(tdoas.dtype)
+        return shares.take(owner, mode="clip"), centres.take(owner, mode="clip") - tdoas
 
     def at(self, tdoas: Array) -> Array:
         """Density in 1/s. Maxima lie many standard deviations apart, so only the nearest counts."""

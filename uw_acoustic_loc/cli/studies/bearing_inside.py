@@ -77,7 +77,7 @@ def correlations(seed: int) -> Picture:
     figure, axes = canvas(2, 2, 2.4, sharex=True, sharey="row")
     for column, case in zip(axes.T, trials.CASES, strict=True):
         found, truth = _misleading(case, seed)
-        column[0].plot(found.lags * US, found.values, color=BLUE, linewidth=0.9, label="GCC")
+        column[0].plot(found.lags * US, found.values / found.values.max(), color=BLUE, linewidth=0.9, label="GCC")
         peaks = slice(SHOWN_PEAKS)
         column[0].plot(found.tdoas[peaks] * US, found.heights[peaks], "o", color=RED, label="its 4 largest maxima")
         grid = np.linspace(found.lags[0], found.lags[-1], 40_001)
