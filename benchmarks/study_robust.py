@@ -96,8 +96,8 @@ def toa_run(weigh: Weigh | None, noise: ImpulsiveNoise, seed: int) -> tuple[Arra
         std = np.full(5, noise.std)
         if weigh:
             mean, cov = _predicted(config, estimate)
-            times, H = arrival_times(mean, net.images[path, receiver], 0.0, 0.0)
-            spread = np.einsum("ni,ij,nj->n", H[:, :7], cov, H[:, :7])
+            times, H = arrival_times(mean, net.images[path, receiver])
+            spread = np.einsum("ni,ij,nj->n", H, cov, H)
             std /= np.sqrt(weigh(time - times, spread, noise))
         row = Arrivals((k + 1) * 10**9, receiver, path, time, std.astype(np.float32), np.full(5, 20.0, np.float32))
         estimate = tracker.update(row) or estimate

@@ -122,7 +122,7 @@ def bound_after_10(prior: tuple[float, ...], paths: tuple[int, ...] = (1, 2)) ->
     state, P, traces = np.array([500.0, 800, -60, 1.2, 1.0, 0.2, 1500]), np.diag(np.square(prior)), []
     images = NET.images[list(paths)].reshape(-1, 3)
     for _ in range(PINGS):
-        H = arrival_times(state, images, 0.0, 0.0)[1][:, :7]
+        H = arrival_times(state, images)[1]
         P = np.linalg.inv(np.linalg.inv(P) + H.T @ H / STD**2)
         traces.append(np.trace(P[:3, :3]))
         state, P = F @ state, F @ P @ F.T + process_noise(1.0, CONFIG)

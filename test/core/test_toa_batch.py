@@ -28,13 +28,12 @@ def test_every_run_is_the_textbooks_filter() -> None:
     for k in range(20):
         if k:
             batch.predict(1.5)
-        times = rng.normal(arrival_times(mean[:, 0], IMAGES, 0.0, 0.0)[0][:, None], STD, (8, RUNS))
+        times = rng.normal(arrival_times(mean[:, 0], IMAGES)[0][:, None], STD, (8, RUNS))
         batch.update(IMAGES, times, STD)
         for run in range(RUNS):
             if k:
                 x[run], P[run] = predict(x[run], P[run], 1.5, CONFIG)
-            expected, H = arrival_times(x[run], IMAGES, 0.0, 0.0)
-            H = H[:, :7]
+            expected, H = arrival_times(x[run], IMAGES)
             K = np.linalg.solve(H @ P[run] @ H.T + STD**2 * np.eye(8), H @ P[run]).T
             x[run] = x[run] + K @ (times[:, run] - expected)
             P[run] = P[run] - K @ H @ P[run]
@@ -45,7 +44,7 @@ def test_every_run_is_the_textbooks_filter() -> None:
 def test_covariances_stay_symmetric() -> None:
     rng, (mean, cov) = np.random.default_rng(5), starts()
     batch = ToaBatch(mean, cov, CONFIG)
-    times = arrival_times(mean[:, 0], IMAGES, 0.0, 0.0)[0][:, None]
+    times = arrival_times(mean[:, 0], IMAGES)[0][:, None]
     for _ in range(200):
         batch.predict(1.0)
         batch.update(IMAGES, times + rng.normal(0, STD, (8, RUNS)), STD)
@@ -56,7 +55,7 @@ def test_covariances_stay_symmetric() -> None:
 def test_missing_and_gated_arrivals_change_nothing() -> None:
     mean, cov = starts()
     batch = ToaBatch(mean, cov, dataclasses.replace(CONFIG, gate_sigma=3.0))
-    times = arrival_times(mean[:, 0], IMAGES, 0.0, 0.0)[0][:, None] + np.zeros(RUNS)
+    times = arrival_times(mean[:, 0], IMAGES)[0][:, None] + np.zeros(RUNS)
     times[:] = np.nan
     times[0] = 9.0
     batch.update(IMAGES, times, STD)

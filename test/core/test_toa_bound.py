@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.toa_bound import PingNoise, ping_bound, track_bound
-from uw_acoustic_loc.core.toa_model import ToaConfig, arrival_times, motion, predict
+from uw_acoustic_loc.core.toa_model import ToaConfig, arrival_times, by_emission, motion, predict
 from uw_acoustic_loc.core.toa_paths import make_net
 
 BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
@@ -14,7 +14,8 @@ TARGETS = np.array([[500.0, 800, -60], [1000, 1000, -10]])
 def test_bound_is_the_inverse_information_of_the_trackers_own_model(emission: float) -> None:
     found = ping_bound(TARGETS, IMAGES, 1500.0, PingNoise(0.003, 2.0, emission))
     for target, variances in zip(TARGETS, found, strict=True):
-        H = arrival_times(np.array([*target, 0, 0, 0, 1500.0]), IMAGES, 0.0, 0.0)[1][:, [0, 1, 2, 6, 7]]
+        H = arrival_times(np.array([*target, 0, 0, 0, 1500.0]), IMAGES)[1][:, [0, 1, 2, 6]]
+        H = np.column_stack([H, np.ones(len(H))])
         R = 0.003**2 * np.eye(len(H)) + 4 * np.outer(H[:, 3], H[:, 3]) + emission**2 * np.outer(H[:, 4], H[:, 4])
         assert variances == pytest.approx(np.diag(np.linalg.inv(H[:, :3].T @ np.linalg.solve(R, H[:, :3]))), rel=1e-4)
 
@@ -43,7 +44,8 @@ def test_bound_of_a_track_is_the_covariance_of_the_filter_along_it(emission: flo
     for k, state in enumerate(track):
         if k:
             P = predict(state, P, 2.0, config)[1]
-        H = arrival_times(state, IMAGES, 0.0, 0.0)[1]
-        S = H[:, :7] @ P @ H[:, :7].T + emission**2 * np.outer(H[:, 7], H[:, 7]) + 0.003**2 * np.eye(8)
-        P = P - P @ H[:, :7].T @ np.linalg.solve(S, H[:, :7] @ P)
+        H = arrival_times(state, IMAGES)[1]
+        late = by_emission(state, H)
+        S = H @ P @ H.T + emission**2 * np.outer(late, late) + 0.003**2 * np.eye(8)
+        P = P - P @ H.T @ np.linalg.solve(S, H @ P)
         assert found[k] == pytest.approx(P, rel=1e-5, abs=1e-8)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .toa_cold_start import cold_prior, cold_starts, solve
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, curvature, predict, with_height
+from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, curvature, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
 from .toa_update import absorb
 from .types import Array, Arrivals
@@ -189,7 +189,7 @@ class ToaTracker:
 
         def predictor(images: Array) -> tuple[Array, Array]:
             times, H = arrival_times(mean, images, bias, bias)
-            return times, H[:, :STATES] @ cov @ H[:, :STATES].T
+            return times, H @ cov @ H.T
 
         found = associate(epoch, predictor, self._config.gate_sigma)
         self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
@@ -199,7 +199,7 @@ class ToaTracker:
         """Emission after the stamp in s; the median is right as long as most arrivals are."""
         if self._config.emission == "known" or not len(epoch.time):
             return 0.0
-        return float(np.median(epoch.time - arrival_times(mean, epoch.images, 0.0, 0.0)[0]))
+        return float(np.median(epoch.time - arrival_times(mean, epoch.images)[0]))
 
     def _updated(self, epoch: Epoch, mean: Array, cov: Array) -> ToaEstimate:
         """By one linear update; after a long gap, too curved for that, by iterations from the prediction."""
@@ -209,11 +209,10 @@ class ToaTracker:
         if np.any(bend > epoch.std):
             s = solve([epoch], mean, cov, _around(mean, cov), self._config)
             return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
-        noise = np.square(epoch.std) + 2 * np.square(bend)
-        if self._config.emission == "known":
-            a = absorb(cov, epoch.time - times - bend, H[:, :STATES], noise, self._config.gate_sigma)
-        else:
-            a = absorb(_with_bias(cov), epoch.time - times - bend, H, noise, self._config.gate_sigma)
+        R = np.diag(np.square(epoch.std) + 2 * np.square(bend))
+        if self._config.emission == "unknown":
+            cov, H = _with_bias(cov), np.column_stack([H, by_emission(mean, H)])
+        a = absorb(cov, epoch.time - times - bend, H, R, self._config.gate_sigma)
         rejected = len(epoch.time) - a.used
         return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .toa_model import STATES, ToaConfig, arrival_times, motion, process_noise
+from .toa_model import ToaConfig, arrival_times, by_emission, motion, process_noise
 from .types import Array
 
 
@@ -60,8 +60,8 @@ def track_bound(tracks: Array, images: Array, prior: Array, noise: PingNoise, co
 
 def ping_information(state: Array, images: Array, noise: PingNoise) -> Array:
     """(7, 7) Fisher information of one ping about a state (7,), its emission unknown by noise.emission."""
-    _, H = arrival_times(state, images, 0.0, 0.0)
-    about, common = H[:, :STATES], H[:, STATES]
-    seen = noise.emission * (about.T @ common)
+    _, H = arrival_times(state, images)
+    common = by_emission(state, H)
+    seen = noise.emission * (H.T @ common)
     shared = np.outer(seen, seen) / (noise.emission**2 * (common @ common) + noise.toa**2)
-    return np.asarray((about.T @ about - shared) / noise.toa**2)
+    return np.asarray((H.T @ H - shared) / noise.toa**2)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, process_noise, water_column
+from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, process_noise, water_column
 from .toa_paths import Epoch, Net
 from .types import AnyArray, Array
 
@@ -102,9 +102,9 @@ class _Problem:
         bias = state[STATES:][self._epoch] if self._biases else 0.0
         times, rows = arrival_times(state[:STATES], self._images, bias, self._since + bias)
         jacobian = np.zeros((len(times), self._mean.size))
-        jacobian[:, :STATES] = rows[:, :STATES]
+        jacobian[:, :STATES] = rows
         if self._biases:
-            jacobian[np.arange(len(times)), STATES + self._epoch] = rows[:, STATES]
+            jacobian[np.arange(len(times)), STATES + self._epoch] = by_emission(state, rows)
         return self._time - times, jacobian, self._variances(rows)
 
     def descend(self, start: Array, scale: float) -> Start:
@@ -149,7 +149,7 @@ class _Problem:
         return np.asarray(self._variance + (np.square(rows[:, [0, 1, 2, 6]]) * self._walk).sum(axis=1))
 
     def _median_biases(self, state: Array) -> Array:
-        late = self._time - arrival_times(state, self._images, 0.0, self._since)[0]
+        late = self._time - arrival_times(state, self._images, lag=self._since)[0]
         return np.array([_median(late[self._epoch == k]) for k in range(self._biases)])
 
 

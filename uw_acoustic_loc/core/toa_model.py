@@ -96,10 +96,12 @@ def water_column(config: ToaConfig) -> tuple[float, float]:
 
 
 def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Array, Array]:
-    """Mean (7,) and covariance (7, 7) after dt s of nearly constant velocity (eq. 4-5), kept within the water."""
+    """Mean (7,) and covariance (7, 7) after dt s of nearly constant velocity (eq. 4-5), kept within the water.
+
+    The covariance is symmetric to rounding; the update makes it exactly so.
+    """
     F, Q = _step(dt, config.acceleration_noise, config.vertical_acceleration_noise, config.sound_speed_walk)
-    moved = F.dot(cov).dot(F.T)
-    return _in_water(F.dot(mean), (moved + moved.T) * 0.5 + Q, config)
+    return _in_water(F.dot(mean), F.dot(cov).dot(F.T) + Q, config)
 
 
 def motion(dt: float) -> Array:
@@ -136,25 +138,32 @@ def _step(dt: float, acceleration: float, vertical: float, walk: float) -> tuple
     return motion(dt), Q
 
 
-def arrival_times(mean: Array, images: Array, bias: Array | float, lag: Array | float) -> tuple[Array, Array]:
-    """Times (n,) after the epoch's stamp of a ping at the images (n, 3) (eq. 6), and their Jacobian (n, 8) (eq. 7).
+def arrival_times(
+    mean: Array, images: Array, bias: Array | float = 0.0, lag: Array | float | None = None
+) -> tuple[Array, Array]:
+    """Times (n,) after the epoch's stamp of a ping at the images (n, 3) (eq. 6), and their Jacobian (n, 7) (eq. 7).
 
-    `bias` (n,): the emission after its epoch's stamp, s; `lag` (n,): the emission after the instant of `mean`.
-    The last column is the derivative with respect to both, for an unknown emission time.
+    `bias` (n,): the emission after its epoch's stamp, s; `lag` (n,): the emission after the instant of `mean`. Without
+    a lag the emission is at both.
     """
-    moving = np.ndim(lag) > 0 or lag != 0
-    path = mean[:3] - images
-    if moving:
-        path += np.asarray(lag)[..., None] * mean[3:6]
-    c = float(mean[6])
-    length = np.sqrt((path * path).dot(_ONES) + 1e-18)  # m^2, that a ping at a receiver has a direction
-    rows = np.zeros((STATES + 1, len(images)))
-    slowness = np.multiply(path.T, 1 / (c * length), out=rows[:3])
-    if moving:
-        np.multiply(slowness, lag, out=rows[3:6])
-    np.multiply(length, -1 / c**2, out=rows[6])
-    np.add(mean[3:6].dot(slowness), 1, out=rows[7])
-    return length * (1 / c) + bias, rows.T
+    path = mean[:3, None] - images.T
+    if lag is not None:
+        path += mean[3:6, None] * lag
+    slowness = np.array(1 / mean.item(6))  # an array without dimensions: numpy multiplies by it in half the time
+    length = np.sqrt(_ONES.dot(path * path) + _LEAST)
+    times = length * slowness
+    rows = np.zeros((STATES, len(images)))
+    np.multiply(path, slowness / length, out=rows[:3])
+    np.multiply(times, -slowness, out=rows[6])
+    if lag is not None:
+        np.multiply(rows[:3], lag, out=rows[3:6])
+        times += bias
+    return times, rows.T
+
+
+def by_emission(mean: Array, H: Array) -> Array:
+    """(n,) derivative of the times with the Jacobian H (n, 7) with respect to the instant of emission."""
+    return np.asarray(H[:, :3].dot(mean[3:6]) + 1)
 
 
 def curvature(slowness: Array, cov: Array, travel_time: Array) -> Array:
@@ -168,5 +177,6 @@ def curvature(slowness: Array, cov: Array, travel_time: Array) -> Array:
 
 
 _ONES = np.ones(3)
+_LEAST = np.array(1e-18)  # m^2, that a ping at a receiver has a direction
 _GRAVITY = 9.80665  # m/s^2
 _SLOWEST = 1350.0  # m/s

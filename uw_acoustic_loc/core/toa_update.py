@@ -19,29 +19,52 @@ class Absorbed(NamedTuple):
     nis: float  # sum of squares of their normalised innovations
 
 
-def absorb(cov: Array, innovations: Array, H: Array, variances: Array, gate_sigma: float) -> Absorbed:
-    """Arrivals with innovations (n,), Jacobian H (n, D) and variances (n,), linearised at the prediction.
+def absorb(cov: Array, innovations: Array, H: Array, R: Array, gate_sigma: float) -> Absorbed:
+    """Arrivals with innovations (n,), Jacobian H (n, D) and noise R (n, n), linearised at the prediction.
 
-    The same as one arrival after the other, each gated by what those before it have left: the innovations whitened by
-    the Cholesky factor of their covariance. When one fails, the most expected come first, so that an outlier
-    meets a covariance that the good ones have narrowed.
+    The same as one arrival after the other, each gated by what those before it have left: the Cholesky factor of the
+    joint covariance of arrivals and state, with the innovations as its last row, holds the whitened innovations and a
+    square root of the covariance after. When one fails, the most expected come first, so that an outlier meets a
+    covariance that the good ones have narrowed.
+
+    Raises:
+        ValueError: the arrivals leave a covariance that is not positive definite; their noise is too small for that.
     """
+    n = len(innovations)
+    joint = _joint(cov, innovations, H, R)
+    L, failed = dpotrf(joint.T, lower=1)
+    if failed:
+        raise ValueError(f"noise of the arrivals must be larger, got variances of {np.diagonal(R).tolist()} s^2")
+    white = L[-1, :n]
+    nis = float(white.dot(white))
+    if nis > gate_sigma**2 and np.abs(white).max() > gate_sigma:
+        keep = _within_gate(joint[:n, :n], innovations[:, None], gate_sigma)
+        return absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], np.inf)
+    root = L[n:, n:-1]
+    after = root.dot(root.T)
+    return Absorbed(after[-1, :-1], after[:-1, :-1], n, nis)
+
+
+def _joint(cov: Array, innovations: Array, H: Array, R: Array) -> Array:
+    """(n + D + 1) rows and columns of which the upper triangle counts; the sign of the last is that of the change."""
+    n = len(innovations)
+    size = n + len(cov) + 1
+    joint = np.zeros((size, size))
     HP = H.dot(cov)
-    S = HP.dot(H.T)
-    S.flat[:: len(S) + 1] += variances
-    late = innovations[:, None]
-    white = _whitened(S, np.concatenate([HP, late], axis=1))
-    taken = white.T.dot(white)  # gains and all that is needed of them in one product
-    if taken[-1, -1] > gate_sigma**2 and np.abs(white[:, -1]).max() > gate_sigma:
-        keep = _within_gate(S, late, gate_sigma)
-        white = _whitened(S[np.ix_(keep, keep)], np.concatenate([HP[keep], late[keep]], axis=1))
-        taken = white.T.dot(white)
-    return Absorbed(taken[:-1, -1], cov - taken[:-1, :-1], len(white), float(taken[-1, -1]))
+    joint[:n, :n] = HP.dot(H.T) + R
+    joint[:n, n:-1] = HP
+    joint[n:-1, n:-1] = cov
+    np.negative(innovations, out=joint[:n, -1])
+    joint[-1, -1] = _LARGE
+    return joint
+
+
+_LARGE = 1e300  # above every square of a whitened innovation
 
 
 def _whitened(S: Array, rows: Array) -> Array:
     """L^-1 rows (n, m), S = L L^T."""
-    return np.asarray(dtrtrs(dpotrf(S, lower=1)[0], rows, lower=1)[0]) if len(S) else rows
+    return np.asarray(dtrtrs(dpotrf(S, lower=1)[0], rows, lower=1)[0])
 
 
 def _within_gate(S: Array, late: Array, gate_sigma: float) -> AnyArray:

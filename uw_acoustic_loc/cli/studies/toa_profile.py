@@ -39,9 +39,9 @@ def fit(profile: LinearProfile, target: Array) -> tuple[Array, float]:
     truth = np.array([*target, 0.0, 0.0, 0.0, profile.speed(target[2])])
     state = truth.copy()
     for _ in range(30):
-        expected, H = arrival_times(state, images, 0.0, 0.0)
+        expected, H = arrival_times(state, images)
         state[_KNOWN] += np.linalg.lstsq(H[:, _KNOWN], times - expected, rcond=None)[0]
-    left = times - arrival_times(state, images, 0.0, 0.0)[0]
+    left = times - arrival_times(state, images)[0]
     return (state - truth)[_KNOWN], float(np.sqrt(np.mean(np.square(left))))
 
 
