@@ -80,11 +80,13 @@ POLICIES: dict[str, Weigh] = {
 }
 
 
-def toa_run(weigh: Weigh | None, noise: ImpulsiveNoise, seed: int) -> tuple[Array, Array]:
-    """Errors (n, 3) in m and NEES (n,) of the settled epochs; without `weigh` the tracker is the node's own."""
+def toa_run(weigh: Weigh | str, noise: ImpulsiveNoise, seed: int) -> tuple[Array, Array]:
+    """Errors (n, 3) in m and NEES (n,) of the settled epochs; `weigh` may be the node's own `noise`."""
     net, rng = make_net(range(5), BUOYS, 0.0), np.random.default_rng([seed, 1])
     start = (60.0, 0.0, -15.0)
-    gate = {"gate_sigma": WIDE_OPEN, "lost_epochs": 10_000} if weigh else {}
+    own = {"noise": weigh, "impulse_fraction": noise.fraction, "impulse_scale": noise.impulse.scale}
+    own |= {"impulse_location": noise.impulse.location}
+    gate = own if isinstance(weigh, str) else {"gate_sigma": WIDE_OPEN, "lost_epochs": 10_000}
     known = {"initial_position": start, "initial_position_std": (2.0, 2.0, 2.0), "initial_velocity": (0.0, 1.5, 0.0)}
     config = ToaConfig(cold_start=False, start_epochs=1, **known, **gate)  # type: ignore[arg-type]
     tracker, estimate, errors, nees = ToaTracker(config, net), None, [], []
@@ -94,7 +96,7 @@ def toa_run(weigh: Weigh | None, noise: ImpulsiveNoise, seed: int) -> tuple[Arra
         truth = np.array([60 * math.cos(turn), 60 * math.sin(turn), -15.0])
         time = np.linalg.norm(truth - BUOYS, axis=1) / SPEED + noise.draw(rng, 5)
         std = np.full(5, noise.std)
-        if weigh:
+        if callable(weigh):
             mean, cov = _predicted(config, estimate)
             times, H = arrival_times(mean, net.images[path, receiver])
             spread = np.einsum("ni,ij,nj->n", H, cov, H)
@@ -229,6 +231,7 @@ def table(title: str, run: Callable[..., tuple[Array, Array]], policies: Mapping
 
 
 if __name__ == "__main__":
-    table("Buoy tracker, 5 buoys, 1 ms", toa_run, {"as the node has it": None, **POLICIES}, TOA_STD)
+    nodes = {f"the node, noise: {noise}": noise for noise in ("gaussian", "mixture")}
+    table("Buoy tracker, 5 buoys, 1 ms", toa_run, {**nodes, **POLICIES}, TOA_STD)
     table("Localizer as it is, 120 bearings of 2 degrees", localizer_run, LOCALIZERS, BEARING_STD)
     table("Bank of bearing EKFs, a weight in each range hypothesis", bank_run, BELIEFS, BEARING_STD)

@@ -49,7 +49,8 @@ def ping(
     images = NET.images[list(paths)].reshape(-1, 3)
     n = len(images)
     late = (rng.random(n) < outliers) * rng.exponential(0.1, n)
-    time = np.linalg.norm(state[:3] - images, axis=1) / state[6] + rng.normal(0, STD, n) + late + emission
+    position = state[:3] + emission * state[3:6]
+    time = np.linalg.norm(position - images, axis=1) / state[6] + rng.normal(0, STD, n) + late + emission
     path = np.repeat(np.array(paths, np.uint8), 4) * labelled
     return Arrivals(START + k * SECOND, np.tile([1, 2, 3, 4], len(paths)), path, time, np.full(n, STD), np.zeros(n))
 

@@ -6,7 +6,7 @@ import pytest
 from uw_acoustic_loc.core.mooring import discretise
 from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Scalar
 from uw_acoustic_loc.sim.buoys import BuoySource
-from uw_acoustic_loc.sim.scenario import Buoys, Environment, Mooring, Node, Scenario, Vehicle, Waypoint
+from uw_acoustic_loc.sim.scenario import Buoys, Environment, Impulses, Mooring, Node, Scenario, Vehicle, Waypoint
 
 NODES = (Node(1, -370.0, -380.0), Node(2, 430.0, -380.0), Node(3, -370.0, 420.0, -4.0), Node(4, 430.0, 420.0))
 SCENARIO = Scenario(
@@ -174,12 +174,16 @@ def test_each_buoys_clock_has_its_own_offset_and_drift() -> None:
     assert 1e-5 < np.std((errors[1] - errors[0])[:4]) < 4e-4
 
 
-def test_impulses_are_early_or_late_and_leave_the_others_alone() -> None:
-    errors = times(with_buoys(impulse_fraction=0.2, impulse_scale=0.01)) - times(SCENARIO)
-    hit = errors != 0
-    assert hit.mean() == pytest.approx(0.2, abs=0.07)
-    assert (errors[hit] > 0).mean() == pytest.approx(0.5, abs=0.2)
-    assert np.median(np.abs(errors[hit])) == pytest.approx(0.01, rel=0.4)  # near the scale for alpha of 1.5
+def test_impulses_replace_some_errors_and_leave_the_others_alone() -> None:
+    """alpha = 1, beta = 0 is Cauchy: half of the impulses are beyond its scale."""
+    impulses = Impulses(fraction=0.2, alpha=1.0, beta=0.0, scale=50.0, location=0.0)
+    noisy = with_buoys(toa_std=1e-3)
+    errors = times(with_buoys(noisy, impulses=impulses)) - times(with_buoys(toa_std=1e-9))
+    hit = times(with_buoys(noisy, impulses=impulses)) != times(noisy)
+    assert hit.mean() == pytest.approx(0.2, abs=3 * np.sqrt(0.16 / hit.size))
+    assert (errors[hit] > 0).mean() == pytest.approx(0.5, abs=3 * np.sqrt(0.25 / hit.sum()))
+    assert np.median(np.abs(errors[hit])) == pytest.approx(0.05, rel=0.4)
+    assert np.std(errors[~hit]) == pytest.approx(1e-3, rel=0.2)
 
 
 def test_weak_arrivals_are_lost() -> None:

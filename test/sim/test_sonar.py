@@ -8,7 +8,7 @@ import pytest
 from uw_acoustic_loc.core.multistatic import Noise
 from uw_acoustic_loc.core.types import NodePositions
 from uw_acoustic_loc.sim.environment import SoundSpeed
-from uw_acoustic_loc.sim.scenario import Node, Scenario, Sonar, Target, load_scenario
+from uw_acoustic_loc.sim.scenario import Impulses, Node, Scenario, Sonar, Target, load_scenario
 from uw_acoustic_loc.sim.sonar import SonarSource, met_by_ping
 
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
@@ -92,6 +92,20 @@ def test_noise_is_the_stated_one(kind):
     assert bearings.std() == pytest.approx(0.02, rel=spread)
     assert bool(ranges.min() > -1e-3) is (kind == "rayleigh")
     assert all(np.all(v.range_std == 40) and np.all(v.bearing_std == 0.02) for v in noisy)
+
+
+def test_impulses_strike_gaussian_ranges_only():
+    """alpha = 1, beta = 0 is Cauchy: half of the impulses are beyond its scale."""
+    impulses = Impulses(fraction=0.3, alpha=1.0, beta=0.0, scale=20.0, location=0.0)
+    calm, struck = (
+        np.concatenate([d.range for d in detections(scenario(range_noise="gaussian", range_std=1e-3, impulses=i))])
+        for i in (Impulses(), impulses)
+    )
+    exact = np.concatenate([d.range for d in detections(scenario(range_noise="gaussian", range_std=1e-9))])
+    assert np.abs(calm - exact).max() < 0.01
+    assert np.mean(np.abs(struck - exact) > 0.01) == pytest.approx(0.3 * 0.7, abs=0.15)  # 2/pi atan(2) = 0.70 of them
+    rayleigh = [np.concatenate([d.range for d in detections(scenario(impulses=i))]) for i in (Impulses(), impulses)]
+    assert np.array_equal(*rayleigh)
 
 
 def test_misses_and_false_alarms_are_as_many_as_asked_for():

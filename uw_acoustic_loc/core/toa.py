@@ -12,24 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .toa_cold_start import cold_prior, cold_starts, solve
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, curvature, predict, with_height
+from .toa_epoch import ToaEstimate, emission_bias, updated
+from .toa_model import ToaConfig, arrival_times, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
-from .toa_update import absorb
 from .types import Array, Arrivals
 
 __all__ = ["ToaConfig", "ToaEstimate", "ToaTracker"]
-
-
-@dataclass(frozen=True, eq=False)
-class ToaEstimate:
-    """The state at an epoch's stamp, and what the update was made of."""
-
-    t_ns: int
-    mean: Array  # (7,) position m, velocity m/s, sound speed m/s
-    cov: Array  # (7, 7)
-    used: int  # arrivals within the gate
-    rejected: int
-    nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +161,7 @@ class ToaTracker:
         mean, cov = predict(self._now.estimate.mean, self._now.estimate.cov, dt, self._config)
         if epoch.height:
             mean, cov = with_height(mean, cov, *epoch.height)
-        estimate = self._updated(self._associated(epoch, mean, cov), mean, cov)
+        estimate = updated(self._associated(epoch, mean, cov), mean, cov, self._config)
         misled = self._now.misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
         self._now = replace(self._now, estimate=estimate, misled=misled)
         if misled < self._config.lost_epochs:
@@ -185,7 +173,7 @@ class ToaTracker:
     def _associated(self, epoch: Epoch, mean: Array, cov: Array) -> Epoch:
         if not ambiguous(epoch):
             return epoch
-        bias = self._bias(associate_by_order(epoch), mean)
+        bias = emission_bias(associate_by_order(epoch), mean, self._config)
 
         def predictor(images: Array) -> tuple[Array, Array]:
             times, H = arrival_times(mean, images, bias, bias)
@@ -195,27 +183,6 @@ class ToaTracker:
         self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
         return found
 
-    def _bias(self, epoch: Epoch, mean: Array) -> float:
-        """Emission after the stamp in s; the median is right as long as most arrivals are."""
-        if self._config.emission == "known" or not len(epoch.time):
-            return 0.0
-        return float(np.median(epoch.time - arrival_times(mean, epoch.images)[0]))
-
-    def _updated(self, epoch: Epoch, mean: Array, cov: Array) -> ToaEstimate:
-        """By one linear update; after a long gap, too curved for that, by iterations from the prediction."""
-        bias = self._bias(epoch, mean)
-        times, H = arrival_times(mean, epoch.images, bias, bias)
-        bend = curvature(H[:, :3], cov[:3, :3], times - bias)
-        if np.any(bend > epoch.std):
-            s = solve([epoch], mean, cov, _around(mean, cov), self._config)
-            return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
-        R = np.diag(np.square(epoch.std) + 2 * np.square(bend))
-        if self._config.emission == "unknown":
-            cov, H = _with_bias(cov), np.column_stack([H, by_emission(mean, H)])
-        a = absorb(cov, epoch.time - times - bend, H, R, self._config.gate_sigma)
-        rejected = len(epoch.time) - a.used
-        return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
-
 
 _OLD_NS = 10_000_000_000  # a height is not used after that
 
@@ -223,20 +190,3 @@ _OLD_NS = 10_000_000_000  # a height is not used after that
 def _given_prior(config: ToaConfig) -> tuple[Array, Array]:
     std = np.array([*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std])
     return np.array([*config.initial_position, *config.initial_velocity, config.start_sound_speed]), np.diag(std**2)
-
-
-def _with_bias(cov: Array) -> Array:
-    """(8, 8): the state's covariance (7, 7) and that of an unknown instant of emission."""
-    whole = np.zeros((STATES + 1, STATES + 1))
-    whole[:STATES, :STATES] = cov
-    whole[STATES, STATES] = BIAS_STD**2
-    return whole
-
-
-def _around(mean: Array, cov: Array) -> Array:
-    """(5, 7) start points: the mean, and 2 sigma to either side along both horizontal axes of the covariance."""
-    values, axes = np.linalg.eigh(cov[:2, :2])
-    starts = np.tile(mean, (5, 1))
-    for k, axis in enumerate((axes * 2 * np.sqrt(values)).T):
-        starts[1 + 2 * k : 3 + 2 * k, :2] += np.outer([1, -1], axis)
-    return starts

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..config import param
+from .impulsive import AlphaStable, ImpulsiveNoise
 from .sound_speed import mackenzie
 from .types import Array
 
@@ -26,6 +27,12 @@ class ToaConfig:
     emission: str = param("known", choices=("known", "unknown"), doc="whether the stamp is the instant of emission")
     bottom_depth: float = param(0.0, unit="m", low=0, doc="flat seabed below z = 0; 0 = no bottom path")
     gate_sigma: float = param(3.5, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
+    noise: str = param("gaussian", choices=("gaussian", "mixture"), doc="of the arrivals; mixture: with impulses")
+    impulse_fraction: float = param(0.2, low=0, high=1, changeable=True, doc="this and below: for a noise of mixture")
+    impulse_alpha: float = param(1.8, low=0.5, high=2)
+    impulse_beta: float = param(1.0, low=-1, high=1)
+    impulse_scale: float = param(10.0, low=1e-9, doc="in an arrival's std")
+    impulse_location: float = param(-3.0, doc="in an arrival's std, parameterisation S1")
     sound_speed: float = param(1500.0, unit="m/s", low=0, high=1650, doc="at the start; 0 = by the temperature")
     temperature: float = param(10.0, unit="deg C", low=-2, high=40, doc="for a sound_speed of 0")
     salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for a sound_speed of 0")
@@ -87,6 +94,18 @@ def with_height(mean: Array, cov: Array, z: float, variance: float, age: float) 
     S = PHt[2] - age * PHt[5] + variance
     g = PHt / np.sqrt(S)
     return mean + PHt * ((z - mean[2] + age * mean[5]) / S), cov - np.outer(g, g)
+
+
+def impulsive_noise(config: ToaConfig) -> ImpulsiveNoise:
+    """The noise of an arrival in units of its std."""
+    shape = (config.impulse_alpha, config.impulse_beta, config.impulse_scale, config.impulse_location)
+    return ImpulsiveNoise(1.0, config.impulse_fraction, _impulse(*shape))
+
+
+@functools.lru_cache(maxsize=8)
+def _impulse(alpha: float, beta: float, scale: float, location: float) -> AlphaStable:
+    """Kept, because its density is tabulated at the first use."""
+    return AlphaStable(alpha, beta, scale, location)
 
 
 def water_column(config: ToaConfig) -> tuple[float, float]:

@@ -113,10 +113,10 @@ class _Pings:
         images = net.images[paths].reshape(-1, 3)
         length = np.linalg.norm(self._motion.positions[:, k] - images, axis=1)
         time = self._travel_times(k, length) + np.tile(self._clock_errors(k), len(paths))
-        time += rng.normal(0.0, buoys.toa_std, len(time))
+        errors = rng.normal(0.0, buoys.toa_std, len(time))
+        time += buoys.impulses.on(buoys.toa_std).strike(self._scenario.rng(_IMPULSE_KEY, k), errors)
         late = rng.random(len(time)) < buoys.outlier_fraction
         time += np.where(late, rng.exponential(buoys.outlier_mean, len(time)), 0.0)
-        time += self._impulses(k, len(time))
         heard = rng.random(len(time)) >= buoys.miss_fraction
         path = np.repeat(np.array(paths, np.uint8), len(self._ids))
         snr = self._snr_db(path, length)
@@ -140,14 +140,6 @@ class _Pings:
         """(buoys,) by which the clocks are ahead at a ping, s."""
         offset, drift = self._scenario.rng(_CLOCK_KEY).normal(0.0, 1.0, (2, len(self._ids)))
         return np.asarray(self._buoys.clock_offset_std * offset + self._buoys.clock_drift_std * drift * self._times[k])
-
-    def _impulses(self, k: int, count: int) -> Array:
-        """(count,) alpha-stable errors of a few arrivals, s."""
-        if not self._buoys.impulse_fraction:
-            return np.zeros(count)
-        rng = self._scenario.rng(_IMPULSE_KEY, k)
-        noise = AlphaStable(self._buoys.impulse_alpha, scale=self._buoys.impulse_scale).draw(rng, count)
-        return np.where(rng.random(count) < self._buoys.impulse_fraction, noise, 0.0)
 
     def _snr_db(self, path: AnyArray, length: Array) -> Array:
         """(n,) of arrivals along paths (n,) of length (n,) m; less by the reflection's loss over the seabed."""

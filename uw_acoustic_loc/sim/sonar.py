@@ -102,6 +102,8 @@ class SonarSource:
             np.full(count, sonar.range_std), np.full(count, sonar.bearing_std), sonar.range_noise == "rayleigh"
         )
         range_errors, bearing_errors = noise.draw(rng, (len(targets),))
+        if sonar.range_noise == "gaussian":
+            range_errors = sonar.impulses.on(sonar.range_std).strike(rng, range_errors)
         heard = rng.random((count, len(targets))) >= sonar.miss_fraction
         legs = targets - self._receivers[:, None]  # (N, T, 3)
         outward = np.linalg.norm(targets - self._transmitter, axis=1)

@@ -90,13 +90,14 @@ def truths(runs: int, seed: int) -> Array:
 
 
 def arrivals(variant: Variant, states: Array, rng: np.random.Generator) -> list[Arrivals]:
-    """Of every ping of a run (PINGS, 7)."""
+    """Of every ping of a run (PINGS, 7); when the stamp is not the emission, the target goes on until the emission."""
     images = variant.net.images[list(variant.paths)].reshape(-1, 3)
     shape = (len(states), len(images))
-    time = np.linalg.norm(states[:, None, :3] - images, axis=2) / states[:, 6:] + rng.normal(0.0, STD, shape)
-    time += (rng.random(shape) < variant.outliers) * rng.exponential(0.1, shape)
-    if variant.emission == "unknown":
-        time += rng.uniform(0.0, 0.5, (len(states), 1))
+    errors = rng.normal(0.0, STD, shape)
+    errors += (rng.random(shape) < variant.outliers) * rng.exponential(0.1, shape)
+    emission = rng.uniform(0.0, 0.5, (len(states), 1)) if variant.emission == "unknown" else np.zeros((len(states), 1))
+    positions = states[:, :3] + emission * states[:, 3:6]
+    time = emission + np.linalg.norm(positions[:, None] - images, axis=2) / states[:, 6:] + errors
     receiver = np.tile(np.array(IDS, np.uint16), len(variant.paths))
     path = np.repeat(np.array(variant.paths, np.uint8), len(IDS)) * np.uint8(variant.labelled)
     same = np.full(len(images), STD)

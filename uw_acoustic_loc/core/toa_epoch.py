@@ -1,0 +1,80 @@
+"""Update of the buoy tracker's state with the arrivals of one ping: gate, or weights of the noise's mixture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .robust import mixture_weights
+from .toa_cold_start import solve
+from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, curvature, impulsive_noise
+from .toa_paths import Epoch
+from .toa_update import absorb
+from .types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ToaEstimate:
+    """The state at an epoch's stamp, and what the update was made of."""
+
+    t_ns: int
+    mean: Array  # (7,) position m, velocity m/s, sound speed m/s
+    cov: Array  # (7, 7)
+    used: int  # arrivals within the gate
+    rejected: int
+    nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
+
+
+def emission_bias(epoch: Epoch, mean: Array, config: ToaConfig) -> float:
+    """Emission after the stamp in s; the median is right as long as most arrivals are."""
+    if config.emission == "known" or not len(epoch.time):
+        return 0.0
+    return float(np.median(epoch.time - arrival_times(mean, epoch.images)[0]))
+
+
+def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEstimate:
+    """By one linear update; after a long gap, too curved for that, by iterations from the prediction (7,), (7, 7)."""
+    bias = emission_bias(epoch, mean, config)
+    times, H = arrival_times(mean, epoch.images, bias, bias)
+    bend = curvature(H[:, :3], cov[:3, :3], times - bias)
+    if np.any(bend > epoch.std):
+        s = solve([epoch], mean, cov, _around(mean, cov), config)
+        return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
+    innovations, variances = epoch.time - times - bend, np.square(epoch.std)
+    weights = _weights(innovations, H, cov, variances, config)
+    if config.emission == "unknown":
+        cov, H = _with_bias(cov), np.column_stack([H, by_emission(mean, H)])
+    keep = weights > _LEAST_WEIGHT
+    R = np.diag(variances[keep] / weights[keep] + 2 * np.square(bend[keep]))
+    a = absorb(cov, innovations[keep], H[keep], R, config.gate_sigma)
+    rejected = len(epoch.time) - a.used
+    return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
+
+
+_LEAST_WEIGHT = 0.01  # of an arrival; one below counts as rejected, so that a lost target is noticed
+
+
+def _weights(innovations: Array, H: Array, cov: Array, variances: Array, config: ToaConfig) -> Array:
+    """Of the arrivals (n,): how likely each is of the Gaussian part of the noise (core/robust.py)."""
+    if config.noise == "gaussian":
+        return np.ones(len(innovations))
+    predicted, std = ((H @ cov) * H).sum(axis=1), np.sqrt(variances)
+    return mixture_weights(innovations / std, predicted / variances, impulsive_noise(config))
+
+
+def _with_bias(cov: Array) -> Array:
+    """(8, 8): the state's covariance (7, 7) and that of an unknown instant of emission."""
+    whole = np.zeros((STATES + 1, STATES + 1))
+    whole[:STATES, :STATES] = cov
+    whole[STATES, STATES] = BIAS_STD**2
+    return whole
+
+
+def _around(mean: Array, cov: Array) -> Array:
+    """(5, 7) start points: the mean, and 2 sigma to either side along both horizontal axes of the covariance."""
+    values, axes = np.linalg.eigh(cov[:2, :2])
+    starts = np.tile(mean, (5, 1))
+    for k, axis in enumerate((axes * 2 * np.sqrt(values)).T):
+        starts[1 + 2 * k : 3 + 2 * k, :2] += np.outer([1, -1], axis)
+    return starts
