@@ -159,6 +159,20 @@ def test_no_run_is_lost(prior: tuple[float, ...], outliers: float) -> None:
     assert np.nanmean(result.nees[:, 10:]) <= 1 + result.nees_band + 0.1
 
 
+def test_the_first_positions_of_a_cold_start_are_sure_and_honest() -> None:
+    """Of the first pings alone, with 30 % of outliers: what is published is right, and most are not published."""
+    rng, nees = np.random.default_rng(32), []
+    for _ in range(120):
+        state = truth(rng)[0]
+        if estimate := ToaTracker(CONFIG, NET).update(ping(rng, state, 0, outliers=0.3)):
+            off = estimate.mean[:3] - state[:3]
+            nees.append(off @ np.linalg.solve(estimate.cov[:3, :3], off) / 3)
+    assert 40 < len(nees) < 110
+    assert np.median(nees) < 1.5
+    assert max(nees) < 100  # 1500 and more where outliers are taken for the target
+    assert np.nanmean(monte_carlo(CONFIG, (), outliers=0.1).nees[:, :5]) < 1.1
+
+
 def test_unlabelled_paths() -> None:
     labelled, unlabelled = (monte_carlo(CONFIG, PRIOR, 20, labelled=known) for known in (True, False))
     assert unlabelled.rmse_after_10 <= 1.1 * labelled.rmse_after_10

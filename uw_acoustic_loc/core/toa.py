@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .toa_cold_start import cold_prior, cold_starts, solve
+from .toa_cold_start import Start, cold_prior, cold_starts, solve
 from .toa_epoch import ToaEstimate, emission_bias, updated
 from .toa_model import ToaConfig, arrival_times, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
@@ -143,9 +143,8 @@ class ToaTracker:
         if epochs[-1].height:
             mean, cov = with_height(mean, cov, *epochs[-1].height)
         solution = solve(epochs, mean, cov, starts if start is None else start[None], self._config)
-        needed = 3 if self._config.emission == "known" else 4
-        found = solution.used > solution.rejected and (bool(prior) or solution.receivers >= needed)
-        if not found:
+        emissions = 0 if self._config.emission == "known" else len(epochs)
+        if not (solution.used > solution.rejected if prior else _vouched_for(solution, emissions)):
             return None
         return ToaEstimate(t_ns, solution.mean, solution.cov, solution.used, solution.rejected, solution.cost)
 
@@ -182,6 +181,12 @@ class ToaTracker:
         found = associate(epoch, predictor, self._config.gate_sigma)
         self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
         return found
+
+
+def _vouched_for(solution: Start, emissions: int) -> bool:
+    """Whether more arrivals than the rejected ones agree beyond those that any position and emissions would fit."""
+    enough = solution.receivers >= (4 if emissions else 3)
+    return enough and (not solution.rejected or solution.used - 3 - emissions > solution.rejected)
 
 
 _OLD_NS = 10_000_000_000  # a height is not used after that
