@@ -54,8 +54,9 @@ def test_harbour(cold_start: bool, outliers: float) -> None:
 def test_outputs_carry_the_stamp_frames_and_unknown_attitude() -> None:
     messages = inputs_of(HARBOUR)[:2]
     stage, emissions = run(CONFIG, messages)
-    assert [topic for topic, _ in emissions] == [output.topic for output in stage.outputs]
-    assert [type(value) for _, value in emissions] == [output.kind for output in stage.outputs]
+    always = stage.outputs[:3]
+    assert [topic for topic, _ in emissions] == [output.topic for output in always]
+    assert [type(value) for _, value in emissions] == [output.kind for output in always]
     assert {value.t_ns for _, value in emissions} == {messages[1][1].t_ns}  # type: ignore[attr-defined]
     odometry, speed, std = (value for _, value in emissions)
     assert isinstance(odometry, Odometry)
@@ -65,6 +66,22 @@ def test_outputs_carry_the_stamp_frames_and_unknown_attitude() -> None:
     assert np.all(np.diag(odometry.pose_cov)[3:] >= 1e6)
     assert np.all(np.linalg.eigvalsh(odometry.twist_cov) > 0)
     assert std.value > 0
+
+
+def test_arrivals_without_a_path_are_told_how_likely_they_came_by_each() -> None:
+    messages = [
+        (topic, dataclasses.replace(value, path=0 * value.path) if isinstance(value, Arrivals) else value)
+        for topic, value in inputs_of(HARBOUR)[:30]
+    ]
+    told = [value for topic, value in run(CONFIG, messages)[1] if topic == "target/arrival_paths"]
+    assert len(told) == 29
+    assert told[-1].t_ns == messages[-1][1].t_ns  # type: ignore[attr-defined]
+    right = np.array(
+        [np.concatenate([v.direct[:4], v.bottom[4:]]) for v in told]
+    )  # the simulator puts direct ones first
+    assert np.median(right) > 0.95
+    assert right.mean() > 0.85
+    assert max(np.max(v.direct + v.bottom + v.surface) for v in told) < 1 + 1e-6
 
 
 def test_receivers_from_parameters_replace_the_topic() -> None:

@@ -48,6 +48,7 @@ VALUES = [
     t.Arrivals(T_NS, **rows("Arrival")),
     t.Arrivals(T_NS, **rows("Arrival", 0)),
     t.Detections(T_NS, **rows("BistaticDetection")),
+    t.ArrivalPaths(T_NS, **rows("ArrivalPath")),
     t.Tracks(T_NS, **rows("Track")),
 ]
 

@@ -15,7 +15,7 @@ from .toa_cold_start import Start, cold_prior, cold_starts, solve
 from .toa_epoch import ToaEstimate, emission_bias, updated
 from .toa_model import ToaConfig, arrival_times, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
-from .types import Array, Arrivals
+from .types import Array, ArrivalPaths, Arrivals
 
 __all__ = ["ToaConfig", "ToaEstimate", "ToaTracker"]
 
@@ -126,7 +126,9 @@ class ToaTracker:
             return None
         estimate = self._solve(labelled, None)
         if estimate and any(map(ambiguous, self._now.recent)):
-            estimate = self._solve([self._by_prediction(epoch, estimate) for epoch in self._now.recent], estimate.mean)
+            sorted_anew = [self._by_prediction(epoch, estimate) for epoch in self._now.recent]
+            estimate = self._solve([epoch for epoch, _ in sorted_anew], estimate.mean)
+            estimate = estimate and replace(estimate, paths=sorted_anew[-1][1])
         if len(self._now.recent) == self._config.start_epochs:  # the prior has served, or it is wrong
             self._now = replace(self._now, estimate=estimate, misled=0, prior=None)
         return estimate
@@ -148,7 +150,7 @@ class ToaTracker:
             return None
         return ToaEstimate(t_ns, solution.mean, solution.cov, solution.used, solution.rejected, solution.cost)
 
-    def _by_prediction(self, epoch: Epoch, estimate: ToaEstimate) -> Epoch:
+    def _by_prediction(self, epoch: Epoch, estimate: ToaEstimate) -> tuple[Epoch, ArrivalPaths | None]:
         mean, cov = predict(estimate.mean, estimate.cov, (epoch.t_ns - estimate.t_ns) * 1e-9, self._config)
         return self._associated(epoch, mean, cov)
 
@@ -160,7 +162,8 @@ class ToaTracker:
         mean, cov = predict(self._now.estimate.mean, self._now.estimate.cov, dt, self._config)
         if epoch.height:
             mean, cov = with_height(mean, cov, *epoch.height)
-        estimate = updated(self._associated(epoch, mean, cov), mean, cov, self._config)
+        associated, paths = self._associated(epoch, mean, cov)
+        estimate = replace(updated(associated, mean, cov, self._config), paths=paths)
         misled = self._now.misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
         self._now = replace(self._now, estimate=estimate, misled=misled)
         if misled < self._config.lost_epochs:
@@ -169,18 +172,18 @@ class ToaTracker:
         self._now = replace(self._now, estimate=None)
         return self._acquire()
 
-    def _associated(self, epoch: Epoch, mean: Array, cov: Array) -> Epoch:
+    def _associated(self, epoch: Epoch, mean: Array, cov: Array) -> tuple[Epoch, ArrivalPaths | None]:
         if not ambiguous(epoch):
-            return epoch
+            return epoch, None
         bias = emission_bias(associate_by_order(epoch), mean, self._config)
 
         def predictor(images: Array) -> tuple[Array, Array]:
             times, H = arrival_times(mean, images, bias, bias)
             return times, H @ cov @ H.T
 
-        found = associate(epoch, predictor, self._config.gate_sigma)
+        found, paths = associate(epoch, predictor, self._config.gate_sigma)
         self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
-        return found
+        return found, paths
 
 
 def _vouched_for(solution: Start, emissions: int) -> bool:

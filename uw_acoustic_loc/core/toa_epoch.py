@@ -11,7 +11,7 @@ from .toa_cold_start import solve
 from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, curvature, impulsive_noise
 from .toa_paths import Epoch
 from .toa_update import absorb
-from .types import Array
+from .types import Array, ArrivalPaths
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,7 @@ class ToaEstimate:
     used: int  # arrivals within the gate
     rejected: int
     nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
+    paths: ArrivalPaths | None = None  # of arrivals that came without a path
 
 
 def emission_bias(epoch: Epoch, mean: Array, config: ToaConfig) -> float:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .types import AnyArray, Array, Arrivals
+from .types import AnyArray, Array, ArrivalPaths, Arrivals
 
 Predictor = Callable[[Array], tuple[Array, Array]]  # images (n, 3) -> times (n,), their covariance (n, n)
 
@@ -130,38 +130,46 @@ def associate_by_order(epoch: Epoch) -> Epoch:
     return replace(epoch, path=path).rows(path > 0)
 
 
-def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> Epoch:
+def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> tuple[Epoch, ArrivalPaths]:
     """The most likely joint assignment at each receiver, an arrival to a path at most once and the other way round.
 
-    The cost is the joint squared Mahalanobis distance, and gate_sigma^2 for each path that gets no arrival.
+    The cost is the joint squared Mahalanobis distance, and gate_sigma^2 for each path that gets no arrival; the
+    probability of an assignment is taken as proportional to exp(-cost / 2).
     """
-    path = np.zeros_like(epoch.path)
+    path, probability = np.zeros_like(epoch.path), np.zeros((4, len(epoch.time)))
     for receiver in set(epoch.receiver.tolist()):
         rows = np.flatnonzero(epoch.receiver == receiver)
         paths = _modelled(epoch.net, receiver)
         times, cov = predictor(epoch.net.images[paths, receiver])
         cov[np.diag_indices(len(paths))] += np.square(epoch.std[rows]).mean()
-        here = epoch.rows(rows)
-        for p, i in zip(paths, _best(here, paths, times, cov, gate_sigma**2), strict=True):
+        chosen, costs = zip(*_assignments(epoch.rows(rows), paths, times, cov, gate_sigma**2), strict=True)
+        weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
+        for assignment, weight in zip(chosen, weights / weights.sum(), strict=True):
+            for p, i in zip(paths, assignment, strict=True):
+                probability[p, rows[i]] += weight if i >= 0 else 0.0
+        for p, i in zip(paths, chosen[int(np.argmin(costs))], strict=True):
             if i >= 0:
                 path[rows[i]] = p
-    return replace(epoch, path=path).rows(path > 0)
+    ids = np.array(list(epoch.net.index), np.uint16)[epoch.receiver]
+    believed = ArrivalPaths(epoch.t_ns, ids, epoch.time, *probability[1:].astype(np.float32))
+    return replace(epoch, path=path).rows(path > 0), believed
 
 
 def _modelled(net: Net, receiver: int) -> list[int]:
     return [p for p in (1, 2, 3) if np.isfinite(net.images[p, receiver, 0])]
 
 
-def _best(here: Epoch, paths: list[int], times: Array, cov: Array, miss: float) -> tuple[int, ...]:
-    """For each path the arrival that it explains, or -1."""
+def _assignments(
+    here: Epoch, paths: list[int], times: Array, cov: Array, miss: float
+) -> Iterator[tuple[tuple[int, ...], float]]:
+    """For each path the arrival that it explains, or -1; and the cost. First that of no arrival at all."""
+    yield (-1,) * len(paths), miss * len(paths)
     labels = here.path.tolist()
     options = [[i for i, label in enumerate(labels) if label in (0, p)] for p in paths]
-    best, least = tuple(-1 for _ in paths), miss * len(paths)
     for used in itertools.chain.from_iterable(itertools.combinations(range(len(paths)), k + 1) for k in range(3)):
         information = np.linalg.inv(cov[np.ix_(used, used)])
         for chosen in itertools.product(*(options[k] for k in used)):
-            innovation = here.time[list(chosen)] - times[list(used)]
-            cost = float(innovation @ information @ innovation) + miss * (len(paths) - len(used))
-            if cost < least and len(set(chosen)) == len(chosen):
-                best, least = tuple(dict(zip(used, chosen, strict=True)).get(k, -1) for k in range(len(paths))), cost
-    return best
+            if len(set(chosen)) == len(chosen):
+                innovation = here.time[list(chosen)] - times[list(used)]
+                cost = float(innovation @ information @ innovation) + miss * (len(paths) - len(used))
+                yield tuple(dict(zip(used, chosen, strict=True)).get(k, -1) for k in range(len(paths))), cost

@@ -192,6 +192,19 @@ class Arrivals:
 
 
 @dataclass(frozen=True, eq=False)
+class ArrivalPaths:
+    """Probabilities of the path of each arrival of a ping (ArrivalPath record)."""
+
+    t_ns: int  # as of the arrivals
+    receiver: AnyArray
+    time: AnyArray  # s after the stamp
+    direct: AnyArray
+    bottom: AnyArray
+    surface: AnyArray
+    frame_id: str = "map"
+
+
+@dataclass(frozen=True, eq=False)
 class Detections:
     """Bistatic detections of one ping (BistaticDetection record)."""
 

@@ -12,7 +12,7 @@ from ..contract import Emission, Input, Output, Status
 from ..core.toa import ToaConfig, ToaEstimate, ToaTracker
 from ..core.toa_model import height_from_pressure
 from ..core.toa_paths import Net, make_net
-from ..core.types import Array, Arrivals, NodePositions, Odometry, Pressure, Scalar
+from ..core.types import Array, ArrivalPaths, Arrivals, NodePositions, Odometry, Pressure, Scalar
 
 UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of
 
@@ -53,6 +53,7 @@ class ToaTrackerStage:
             Output("target/odometry", Odometry),
             Output("target/sound_speed", Scalar),
             Output("target/sound_speed_std", Scalar),
+            Output("target/arrival_paths", ArrivalPaths),
         )
 
     def status(self) -> Status:
@@ -105,6 +106,8 @@ class ToaTrackerStage:
         yield "target/odometry", _odometry(estimate)
         yield "target/sound_speed", Scalar(estimate.t_ns, float(estimate.mean[6]))
         yield "target/sound_speed_std", Scalar(estimate.t_ns, math.sqrt(float(estimate.cov[6, 6])))
+        if estimate.paths:
+            yield "target/arrival_paths", estimate.paths
 
 
 def _odometry(estimate: ToaEstimate) -> Odometry:

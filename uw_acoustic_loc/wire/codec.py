@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from ..core.types import (
+    ArrivalPaths,
     Arrivals,
     Bearing,
     BodyVelocity,
@@ -68,6 +69,7 @@ _CODECS: dict[type, Codec] = {
     Particles: _record(Particles, "Particle"),
     NodePositions: _record(NodePositions, "NodePosition"),
     Arrivals: _record(Arrivals, "Arrival"),
+    ArrivalPaths: _record(ArrivalPaths, "ArrivalPath"),
     Detections: _record(Detections, "BistaticDetection"),
     Tracks: _record(Tracks, "Track"),
 }
