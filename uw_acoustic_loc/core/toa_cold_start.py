@@ -70,6 +70,7 @@ class _Problem:
         self._images = np.concatenate([e.images for e in epochs])
         self._time = np.concatenate([e.time for e in epochs])
         self._variance = np.concatenate([e.std**2 for e in epochs])
+        self._sway = np.concatenate([e.net.sway[e.receiver] for e in epochs])
         self._receiver = np.concatenate([e.receiver for e in epochs])
         self._epoch = np.repeat(np.arange(len(epochs)), [len(e.time) for e in epochs])
         since = np.array([(e.t_ns - epochs[-1].t_ns) * 1e-9 for e in epochs])
@@ -145,8 +146,9 @@ class _Problem:
         return information + (J.T * weights) @ J
 
     def _variances(self, rows: Array) -> Array:
-        """Noise, and what process noise since an older epoch may have changed, seen along each row."""
-        return np.asarray(self._variance + (np.square(rows[:, [0, 1, 2, 6]]) * self._walk).sum(axis=1))
+        """Noise, and what the receiver's place and process noise since an older epoch do, seen along each row."""
+        walked = (np.square(rows[:, [0, 1, 2, 6]]) * self._walk).sum(axis=1)
+        return np.asarray(self._variance + np.square(rows[:, 0]) * self._sway + walked)
 
     def _median_biases(self, state: Array) -> Array:
         late = self._time - arrival_times(state, self._images, lag=self._since)[0]

@@ -42,13 +42,13 @@ def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEsti
     if np.any(bend > epoch.std):
         s = solve([epoch], mean, cov, _around(mean, cov), config)
         return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
-    innovations, variances = epoch.time - times - bend, np.square(epoch.std)
-    weights = _weights(innovations, H, cov, variances, config)
+    innovations, variances, sway = epoch.time - times - bend, np.square(epoch.std), _sway(epoch, H)
+    weights = _weights(innovations, (H.dot(cov) * H).sum(axis=1) + np.diagonal(sway), variances, config)
+    R = np.diag(variances / weights + 2 * np.square(bend)) + sway
     if config.emission == "unknown":
         cov, H = _with_bias(cov), np.column_stack([H, by_emission(mean, H)])
-    keep = weights > _LEAST_WEIGHT
-    R = np.diag(variances[keep] / weights[keep] + 2 * np.square(bend[keep]))
-    a = absorb(cov, innovations[keep], H[keep], R, config.gate_sigma)
+    keep = np.flatnonzero(weights > _LEAST_WEIGHT)
+    a = absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], config.gate_sigma)
     rejected = len(epoch.time) - a.used
     return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
 
@@ -56,12 +56,20 @@ def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEsti
 _LEAST_WEIGHT = 0.01  # of an arrival; one below counts as rejected, so that a lost target is noticed
 
 
-def _weights(innovations: Array, H: Array, cov: Array, variances: Array, config: ToaConfig) -> Array:
-    """Of the arrivals (n,): how likely each is of the Gaussian part of the noise (core/robust.py)."""
+def _weights(innovations: Array, predicted: Array, variances: Array, config: ToaConfig) -> Array:
+    """Of the arrivals (n,): how likely each is of the Gaussian part of the noise (core/robust.py).
+
+    `predicted` (n,): the variances of the predictions without the noise.
+    """
     if config.noise == "gaussian":
         return np.ones(len(innovations))
-    predicted, std = ((H @ cov) * H).sum(axis=1), np.sqrt(variances)
-    return mixture_weights(innovations / std, predicted / variances, impulsive_noise(config))
+    return mixture_weights(innovations / np.sqrt(variances), predicted / variances, impulsive_noise(config))
+
+
+def _sway(epoch: Epoch, H: Array) -> Array:
+    """(n, n) covariance of the times that comes from the receivers' x; the paths to a receiver share it."""
+    shared = epoch.receiver[:, None] == epoch.receiver
+    return np.asarray(np.outer(H[:, 0], H[:, 0] * epoch.net.sway[epoch.receiver]) * shared)
 
 
 def _with_bias(cov: Array) -> Array:

@@ -55,6 +55,8 @@ class ToaConfig:
     surface_pressure: float = param(101_325.0, unit="Pa", low=5e4, high=1.2e5, doc="of the air")
     water_density: float = param(1025.0, unit="kg/m^3", low=950, high=1100)
     moving_receivers: bool = param(False, doc="buoys/positions comes all the time, and is taken in stamp order")
+    mooring_ids: tuple[str, ...] = param((), doc="moorings whose `mooring/<id>/odometry` moves a receiver along x")
+    mooring_receivers: tuple[int, ...] = param((), low=0, high=65535, doc="the receiver on each of mooring_ids")
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")
@@ -74,6 +76,11 @@ class ToaConfig:
             )
         if len(set(self.receiver_ids)) < len(self.receiver_ids):
             raise ValueError(f"receiver_ids must differ from each other, got {list(self.receiver_ids)}")
+        if len(set(self.mooring_ids)) < len(self.mooring_ids) or len(self.mooring_ids) != len(self.mooring_receivers):
+            raise ValueError(
+                f"mooring_ids must differ and be as many as mooring_receivers, got {list(self.mooring_ids)} "
+                f"for {list(self.mooring_receivers)}"
+            )
         for name in ("initial_position", "initial_position_std", "initial_velocity", "initial_velocity_std"):
             if len(getattr(self, name)) != 3:
                 raise ValueError(f"{name} must have 3 elements, got {len(getattr(self, name))}")

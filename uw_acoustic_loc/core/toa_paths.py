@@ -25,6 +25,7 @@ class Net:
 
     index: dict[int, int]  # row of a receiver's id
     images: Array  # (4, M, 3) by path (Arrivals.DIRECT, ...) and row; NaN where a path is not modelled
+    sway: Array  # (M,) m^2, variance of each receiver's x
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,10 @@ class Epoch:
         return Epoch(self.t_ns, self.net, *columns, height=self.height)
 
 
-def make_net(ids: Sequence[int], positions: Array, bottom_depth: float) -> Net:
+def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Array | None = None) -> Net:
     """The net of receivers at `positions` (M, 3); a bottom_depth of 0 leaves out the bottom path.
+
+    `sway` (M,) m^2: how well each x is known, if not exactly.
 
     Raises:
         ValueError: no receiver, a repeated id, or a position that is not finite.
@@ -67,7 +70,7 @@ def make_net(ids: Sequence[int], positions: Array, bottom_depth: float) -> Net:
         images[Arrivals.BOTTOM] = positions * [1, 1, -1] - [0, 0, 2 * bottom_depth]
     below = positions[:, 2] < 0  # at the surface the surface path is the direct one
     images[Arrivals.SURFACE, below] = positions[below] * [1, 1, -1]
-    return Net(index, images)
+    return Net(index, images, np.zeros(len(index)) if sway is None else sway)
 
 
 def screen(arrivals: Arrivals, net: Net, max_delay: float = math.inf) -> tuple[Epoch, Counter[str]]:

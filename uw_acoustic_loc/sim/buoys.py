@@ -78,7 +78,12 @@ class _Pings:
         self._times: Array = np.asarray(np.arange(count) * buoys.period)
         course = scenario.rng(_DRIFT_KEY).uniform(0.0, 2 * np.pi, len(self._ids))
         drift = buoys.drift_speed * np.stack([np.cos(course), np.sin(course), np.zeros(len(course))], axis=1)
-        self._nodes: Array = nodes + self._times[:, None, None] * drift  # (pings, buoys, 3)
+        self._nodes: Array = nodes + self._times[:, None, None] * drift  # (pings, buoys, 3), as the buoys say
+        self._truly: Array = self._nodes.copy()  # where they are
+        for index, mooring in enumerate(scenario.moorings):
+            if mooring.receiver in self._ids:
+                offset = _offsets(scenario, index, self._times)
+                self._truly[:, self._ids.index(mooring.receiver), 0] += offset
         self._motion = Trajectory(vehicle).at(self._times)
         self._sound_speed = SoundSpeed(scenario).at(self._times)
 
@@ -109,7 +114,7 @@ class _Pings:
     def _heard(self, rng: np.random.Generator, k: int, t_ns: int) -> Arrivals:
         buoys, coefficient = self._buoys, self._scenario.environment.bottom_reflection
         paths = [Arrivals.DIRECT, Arrivals.BOTTOM] if coefficient else [Arrivals.DIRECT]
-        net = make_net(self._ids, self._nodes[k], self._scenario.environment.depth)
+        net = make_net(self._ids, self._truly[k], self._scenario.environment.depth)
         images = net.images[paths].reshape(-1, 3)
         length = np.linalg.norm(self._motion.positions[:, k] - images, axis=1)
         time = self._travel_times(k, length) + np.tile(self._clock_errors(k), len(paths))
@@ -131,7 +136,7 @@ class _Pings:
         if not water.sound_speed_gradient:
             return np.asarray(length / self._sound_speed[k])
         profile = LinearProfile(float(self._sound_speed[k]), water.sound_speed_gradient)
-        nodes = self._nodes[k]
+        nodes = self._truly[k]
         flat, height = np.hypot(nodes[:, 0] - x, nodes[:, 1] - y), nodes[:, 2]
         direct = profile.time(flat, z, height)
         return np.concatenate([direct, profile.bottom_time(flat, z, height, water.depth)])[: len(length)]
@@ -150,17 +155,29 @@ class _Pings:
 
 
 def _mooring_events(scenario: Scenario, index: int) -> Iterator[Event]:
-    """Offset and truth at every period, from `start` at rest."""
+    """Offset and truth at every period."""
+    name = scenario.moorings[index].id
+    for time, state, measured in _mooring_states(scenario, index):
+        t_ns = scenario.t_ns(time)
+        yield t_ns, f"/truth/mooring/{name}/odometry", _mooring_truth(t_ns, name, state)
+        yield t_ns, f"mooring/{name}/offset", Point(t_ns, np.array([measured, 0.0, 0.0]))
+
+
+def _mooring_states(scenario: Scenario, index: int) -> Iterator[tuple[float, Array, float]]:
+    """Time, offset with its velocity, and the measured offset at every period, from `start` at rest."""
     mooring, rng = scenario.moorings[index], scenario.rng(_MOORING_KEY, index)
     noise = _noise(mooring)
     F, drive = discretise(mooring.mass, mooring.damping, mooring.stiffness, mooring.force, mooring.period)
     state = np.array([mooring.start, 0.0])
     for k in range(math.floor(scenario.duration / mooring.period + 1e-9) + 1):
-        t_ns = scenario.t_ns(k * mooring.period)
-        yield t_ns, f"/truth/mooring/{mooring.id}/odometry", _mooring_truth(t_ns, mooring.id, state)
-        measured = np.array([state[0] + float(noise.draw(rng, 1)[0]), 0.0, 0.0])
-        yield t_ns, f"mooring/{mooring.id}/offset", Point(t_ns, measured)
+        yield k * mooring.period, state, state[0] + float(noise.draw(rng, 1)[0])
         state = F @ state + drive + np.array([rng.normal(0.0, mooring.process_std), 0.0])
+
+
+def _offsets(scenario: Scenario, index: int, times: Array) -> Array:
+    """(n,) true offset of a mooring at times (n,)."""
+    known = [(time, state[0]) for time, state, _ in _mooring_states(scenario, index)]
+    return np.asarray(np.interp(times, *np.transpose(known)))
 
 
 def _mooring_truth(t_ns: int, name: str, state: Array) -> Odometry:

@@ -179,6 +179,7 @@ class Mooring:
     """A buoy on its tether: m x'' + b x' + k x = u, its offset measured with impulsive noise (Lee et al. 2013)."""
 
     id: str = param()
+    receiver: int = param(-1, low=-1, high=65535, doc="the buoy on it, whose x is off by the offset; -1 = none of them")
     mass: float = param(1.0, unit="kg", low=1e-9)
     damping: float = param(0.5, unit="N s/m", low=0)
     stiffness: float = param(1.0, unit="N/m", low=0)

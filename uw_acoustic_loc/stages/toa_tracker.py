@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -27,13 +28,13 @@ class ToaTrackerStage:
 
     def __init__(self, config: ToaConfig) -> None:
         self._config = config
-        self._net: Net | None = None
+        self._nodes: tuple[list[int], Array] | None = None
+        self._swayed: dict[int, tuple[float, float]] = {}  # offset along x and its variance, by receiver
         self._tracker: ToaTracker | None = None
         self._last: ToaEstimate | None = None
         self._unused = 0
         if config.receiver_ids:
-            positions = np.array(config.receiver_positions).reshape(-1, 3)
-            self._use(make_net(config.receiver_ids, positions, config.bottom_depth))
+            self._use(list(config.receiver_ids), np.array(config.receiver_positions).reshape(-1, 3))
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -42,6 +43,9 @@ class ToaTrackerStage:
         inputs = [arrivals]
         if self._config.pressure_std > 0:
             inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
+        for name, receiver in zip(self._config.mooring_ids, self._config.mooring_receivers, strict=True):
+            handler = partial(self._on_mooring, receiver)
+            inputs.insert(0, Input(f"mooring/{name}/odometry", Odometry, handler, frame="map"))
         if not self._config.receiver_ids:
             once = not self._config.moving_receivers
             inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=once))
@@ -71,13 +75,19 @@ class ToaTrackerStage:
 
     def change(self, config: ToaConfig) -> None:
         self._config = config
-        if self._tracker and self._net:
-            self._tracker.change(config, self._net)
+        self._refresh()
 
     def _on_positions(self, nodes: NodePositions) -> Iterator[Emission]:
         receivers = np.asarray(nodes.role) == NodePositions.RECEIVER
-        ids = np.asarray(nodes.id)[receivers].tolist()
-        self._use(make_net(ids, nodes.positions[receivers], self._config.bottom_depth))
+        self._use(np.asarray(nodes.id)[receivers].tolist(), nodes.positions[receivers])
+        yield from ()
+
+    def _on_mooring(self, receiver: int, moved: Odometry) -> Iterator[Emission]:
+        offset, variance = float(moved.position[0]), float(moved.pose_cov[0, 0])
+        if not (math.isfinite(offset) and 0 <= variance < math.inf):
+            raise ValueError(f"offset of receiver {receiver} must be finite with a variance, got {offset}, {variance}")
+        self._swayed[receiver] = (offset, variance)
+        self._refresh()
         yield from ()
 
     def _on_pressure(self, measured: Pressure) -> Iterator[Emission]:
@@ -88,12 +98,25 @@ class ToaTrackerStage:
             self._tracker.measure_height(measured.t_ns, z, variance)
         yield from ()
 
-    def _use(self, net: Net) -> None:
-        self._net = net
+    def _use(self, ids: list[int], positions: Array) -> None:
+        make_net(ids, positions, self._config.bottom_depth)  # refuses what is wrong before anything is kept
+        self._nodes = (ids, positions)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Parameters, receivers and what their moorings say, from now on."""
+        if self._nodes is None:
+            return
+        net = self._net(*self._nodes)
         if self._tracker:
             self._tracker.change(self._config, net)
         else:
             self._tracker = ToaTracker(self._config, net)
+
+    def _net(self, ids: list[int], positions: Array) -> Net:
+        swayed = np.array([self._swayed.get(name, (0.0, 0.0)) for name in ids])
+        moved = positions + np.outer(swayed[:, 0], [1.0, 0.0, 0.0])
+        return make_net(ids, moved, self._config.bottom_depth, swayed[:, 1])
 
     def _on_arrivals(self, arrivals: Arrivals) -> Iterator[Emission]:
         if self._tracker is None:
