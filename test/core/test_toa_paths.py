@@ -70,7 +70,7 @@ def test_without_a_prediction_the_earliest_is_direct() -> None:
     ]
 
 
-def predictor(images: Array) -> tuple[Array, Array]:
+def predictor(images: Array, _: object) -> tuple[Array, Array]:
     times = np.array([flown(image) for image in images])
     return times, np.full((len(times), len(times)), 1e-4)  # 10 ms, the same for every path
 
@@ -125,7 +125,7 @@ def test_probabilities_of_paths_are_how_often_they_are_right() -> None:
         direct = int(rng.integers(2))
         time = rng.normal(expected, spread)[[direct, 1 - direct]]
         epoch = Epoch(1, net, np.zeros(2, int), np.zeros(2, int), time, spread)
-        _, found = associate(epoch, lambda _: (expected.copy(), np.zeros((2, 2))), 8.0)  # no path is missed
+        _, found = associate(epoch, lambda *_: (expected.copy(), np.zeros((2, 2))), 8.0)  # no path is missed
         assert found.receiver.tolist() == [9, 9]
         assert found.direct + found.bottom == pytest.approx(np.ones(2), abs=1e-6)
         told.append(found.direct[0])

@@ -223,6 +223,17 @@ def test_status_tells_what_it_is_doing() -> None:
     assert 0.5 < float(tracking.values["nis_per_arrival"]) < 3
 
 
+def test_clocks_are_told_in_the_status() -> None:
+    assert HARBOUR.buoys
+    fast = dataclasses.replace(HARBOUR, buoys=dataclasses.replace(HARBOUR.buoys, clock_offset_std=0.01))
+    stage, _ = run(dataclasses.replace(CONFIG, buoy_clock_offset_std=0.01), inputs_of(fast))
+    told = np.array([float(stage.status().values[f"clock_offset_s.{name}"]) for name in (1, 2, 3, 4)])
+    errors = np.array([v.time for t, v in inputs_of(fast) if t == "buoys/arrivals"]) - np.array(
+        [v.time for t, v in inputs_of(HARBOUR) if t == "buoys/arrivals"]
+    )
+    assert told - told.mean() == pytest.approx(errors[0, :4] - errors[0, :4].mean(), abs=2e-3)
+
+
 def test_arrivals_without_positions_are_refused() -> None:
     with pytest.raises(ValueError, match="no buoys/positions yet"):
         run(CONFIG, inputs_of(HARBOUR)[1:2])

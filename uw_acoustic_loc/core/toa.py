@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .toa_clock import heard_times, with_clocks
 from .toa_cold_start import Start, cold_prior, cold_starts, solve
 from .toa_epoch import ToaEstimate, emission_bias, updated
-from .toa_model import ToaConfig, arrival_times, predict, with_height
+from .toa_model import ToaConfig, predict, with_height
 from .toa_paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
-from .types import Array, ArrivalPaths, Arrivals
+from .types import AnyArray, Array, ArrivalPaths, Arrivals
 
 __all__ = ["ToaConfig", "ToaEstimate", "ToaTracker"]
 
@@ -41,7 +42,7 @@ class ToaTracker:
 
     def __init__(self, config: ToaConfig, net: Net) -> None:
         self._config, self._net = config, net
-        self._now = _Memory(prior=None if config.cold_start else _given_prior(config))
+        self._now = _Memory(prior=None if config.cold_start else _given_prior(config, net))
         self._history: deque[tuple[_Memory, Epoch]] = deque()  # what was known before an epoch, and the epoch
         self._height: tuple[int, float, float] | None = None
         self._refused: Counter[str] = Counter()
@@ -59,7 +60,12 @@ class ToaTracker:
         return counts
 
     def change(self, config: ToaConfig, net: Net) -> None:
-        """Goes on with other parameters, or with other receivers or receivers elsewhere from the next epoch on."""
+        """Goes on with other parameters, or with other receivers or receivers elsewhere from the next epoch on.
+
+        Where clocks are estimated, other receivers are a new start.
+        """
+        if config.buoy_clock_offset_std > 0 and net.index != self._net.index:
+            self._now, self._history = _Memory(counts=self._now.counts), deque()
         self._config, self._net = config, net
 
     def measure_height(self, t_ns: int, z: float, variance: float) -> None:
@@ -140,7 +146,7 @@ class ToaTracker:
             mean, cov = predict(*prior, (t_ns - epochs[0].t_ns) * 1e-9, self._config)
             starts = mean[None]
         else:
-            mean, cov = cold_prior(self._net, self._config)
+            mean, cov = with_clocks(*cold_prior(self._net, self._config), len(self._net.index), self._config)
             starts = cold_starts(self._net, mean)
         if epochs[-1].height:
             mean, cov = with_height(mean, cov, *epochs[-1].height)
@@ -177,8 +183,8 @@ class ToaTracker:
             return epoch, None
         bias = emission_bias(associate_by_order(epoch), mean, self._config)
 
-        def predictor(images: Array) -> tuple[Array, Array]:
-            times, H = arrival_times(mean, images, bias, bias)
+        def predictor(images: Array, receiver: AnyArray) -> tuple[Array, Array]:
+            times, H = heard_times(mean, images, receiver, bias, bias)
             return times, H @ cov @ H.T
 
         found, paths = associate(epoch, predictor, self._config.gate_sigma)
@@ -195,6 +201,7 @@ def _vouched_for(solution: Start, emissions: int) -> bool:
 _OLD_NS = 10_000_000_000  # a height is not used after that
 
 
-def _given_prior(config: ToaConfig) -> tuple[Array, Array]:
+def _given_prior(config: ToaConfig, net: Net) -> tuple[Array, Array]:
     std = np.array([*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std])
-    return np.array([*config.initial_position, *config.initial_velocity, config.start_sound_speed]), np.diag(std**2)
+    mean = np.array([*config.initial_position, *config.initial_velocity, config.start_sound_speed])
+    return with_clocks(mean, np.diag(std**2), len(net.index), config)

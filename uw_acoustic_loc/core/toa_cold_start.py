@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, process_noise, water_column
+from .toa_clock import heard_times
+from .toa_model import BIAS_STD, ToaConfig, by_emission, process_noise, water_column
 from .toa_paths import Epoch, Net
 from .types import AnyArray, Array
 
@@ -22,8 +23,8 @@ from .types import AnyArray, Array
 class Start:
     """A solution at the last epoch's stamp."""
 
-    mean: Array  # (7,)
-    cov: Array  # (7, 7)
+    mean: Array  # (D,): 7, and the clocks
+    cov: Array  # (D, D)
     used: int  # arrivals within the gate
     rejected: int
     receivers: int  # different ones among the used
@@ -41,7 +42,7 @@ def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
 
 
 def cold_starts(net: Net, prior: Array) -> Array:
-    """(49, 7) start points on a grid over the net and half its extent around it."""
+    """(49, D) start points on a grid over the net and half its extent around it."""
     axis = np.linspace(-1, 1, 7) * max(_extent(net), 1.0)
     x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
     starts = np.tile(prior, (x.size, 1))
@@ -51,7 +52,7 @@ def cold_starts(net: Net, prior: Array) -> Array:
 
 
 def solve(epochs: Sequence[Epoch], mean: Array, cov: Array, starts: Array, config: ToaConfig) -> Start:
-    """The best solution from the most promising of `starts` (s, 7), given the prior mean (7,) and cov (7, 7).
+    """The best solution from the most promising of `starts` (s, D), given the prior mean (D,) and cov (D, D).
 
     Prior, starts and solution belong to the last epoch's stamp; every arrival has its path.
     """
@@ -80,32 +81,33 @@ class _Problem:
         self._biases = len(epochs) if config.emission == "unknown" else 0
         self._mean = np.concatenate([mean, np.zeros(self._biases)])
         self._information = np.zeros((self._mean.size, self._mean.size))
-        self._information[:STATES, :STATES] = np.linalg.inv(cov)
+        self._size = len(mean)
+        self._information[: self._size, : self._size] = np.linalg.inv(cov)
 
     def scale(self, starts: Array) -> float:
         """By how many s the best of the start points may be wrong."""
         if len(starts) > 1:
             return float(np.ptp(starts[:, 0])) / 6 / self._config.start_sound_speed
-        cov = np.linalg.inv(self._information[:STATES, :STATES])
+        cov = np.linalg.inv(self._information[: self._size, : self._size])
         return float(np.sqrt(np.trace(cov[:3, :3]) + np.max(self._variance) * starts[0, 6] ** 2) / starts[0, 6])
 
     def costs(self, starts: Array, scale: float) -> Array:
         """(s,) of the start points (s, 7): the logarithms of Cauchy densities of `scale` s."""
         paths = starts[:, None, :3] + starts[:, None, 3:6] * self._since[:, None] - self._images
-        late = self._time - np.sqrt(np.square(paths).sum(axis=2)) / starts[:, 6:]
+        late = self._time - np.sqrt(np.square(paths).sum(axis=2)) / starts[:, 6:7]
         for k in range(self._biases):
             if (here := self._epoch == k).any():
                 late[:, here] -= np.median(late[:, here], axis=1, keepdims=True)
         return np.asarray(np.log1p(np.square(late / scale)).sum(axis=1))
 
     def residuals(self, state: Array) -> tuple[Array, Array, Array]:
-        """Residuals (n,), Jacobian (n, 7 + biases) and variances (n,) at a state (7 + biases,)."""
-        bias = state[STATES:][self._epoch] if self._biases else 0.0
-        times, rows = arrival_times(state[:STATES], self._images, bias, self._since + bias)
+        """Residuals (n,), Jacobian (n, D + biases) and variances (n,) at a state (D + biases,)."""
+        own, bias = state[: self._size], state[self._size :][self._epoch] if self._biases else 0.0
+        times, rows = heard_times(own, self._images, self._receiver, bias, self._since + bias)
         jacobian = np.zeros((len(times), self._mean.size))
-        jacobian[:, :STATES] = rows
+        jacobian[:, : self._size] = rows
         if self._biases:
-            jacobian[np.arange(len(times)), STATES + self._epoch] = by_emission(state, rows)
+            jacobian[np.arange(len(times)), self._size + self._epoch] = by_emission(own, rows)
         return self._time - times, jacobian, self._variances(rows)
 
     def descend(self, start: Array, scale: float) -> Start:
@@ -126,12 +128,12 @@ class _Problem:
         r, J, variance = self.residuals(x)
         squares, limit = np.square(r) / variance, self._config.gate_sigma**2
         inside = squares <= limit
-        cov = np.linalg.inv(self._normal(J, inside / variance))[:STATES, :STATES]
+        cov = np.linalg.inv(self._normal(J, inside / variance))[: self._size, : self._size]
         used = int(inside.sum())
         receivers = len(set(self._receiver[inside].tolist()))
         off = x - self._mean
         cost = float(np.minimum(squares, limit).sum() + off @ self._information @ off)
-        return Start(x[:STATES].copy(), (cov + cov.T) / 2, used, len(r) - used, receivers, cost)
+        return Start(x[: self._size].copy(), (cov + cov.T) / 2, used, len(r) - used, receivers, cost)
 
     def _step(self, x: Array, r: Array, J: Array, weights: Array) -> Array:
         gradient = J.T @ (weights * r) + self._information @ (self._mean - x)
@@ -141,7 +143,7 @@ class _Problem:
 
     def _normal(self, J: Array, weights: Array) -> Array:
         information = self._information.copy()
-        k = np.arange(STATES, information.shape[0])
+        k = np.arange(self._size, information.shape[0])
         information[k, k] = BIAS_STD**-2
         return information + (J.T * weights) @ J
 
@@ -151,7 +153,7 @@ class _Problem:
         return np.asarray(self._variance + np.square(rows[:, 0]) * self._sway + walked)
 
     def _median_biases(self, state: Array) -> Array:
-        late = self._time - arrival_times(state, self._images, lag=self._since)[0]
+        late = self._time - heard_times(state, self._images, self._receiver, lag=self._since)[0]
         return np.array([_median(late[self._epoch == k]) for k in range(self._biases)])
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .robust import mixture_weights
+from .toa_clock import heard_times
 from .toa_cold_start import solve
-from .toa_model import BIAS_STD, STATES, ToaConfig, arrival_times, by_emission, curvature, impulsive_noise
+from .toa_model import BIAS_STD, ToaConfig, by_emission, curvature, impulsive_noise
 from .toa_paths import Epoch
 from .toa_update import absorb
 from .types import Array, ArrivalPaths
@@ -19,8 +20,8 @@ class ToaEstimate:
     """The state at an epoch's stamp, and what the update was made of."""
 
     t_ns: int
-    mean: Array  # (7,) position m, velocity m/s, sound speed m/s
-    cov: Array  # (7, 7)
+    mean: Array  # (7,) position m, velocity m/s, sound speed m/s; then the clocks, if there are any (core/toa_clock.py)
+    cov: Array  # (7, 7), or more
     used: int  # arrivals within the gate
     rejected: int
     nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
@@ -31,13 +32,13 @@ def emission_bias(epoch: Epoch, mean: Array, config: ToaConfig) -> float:
     """Emission after the stamp in s; the median is right as long as most arrivals are."""
     if config.emission == "known" or not len(epoch.time):
         return 0.0
-    return float(np.median(epoch.time - arrival_times(mean, epoch.images)[0]))
+    return float(np.median(epoch.time - heard_times(mean, epoch.images, epoch.receiver)[0]))
 
 
 def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEstimate:
     """By one linear update; after a long gap, too curved for that, by iterations from the prediction (7,), (7, 7)."""
     bias = emission_bias(epoch, mean, config)
-    times, H = arrival_times(mean, epoch.images, bias, bias)
+    times, H = heard_times(mean, epoch.images, epoch.receiver, bias, bias)
     bend = curvature(H[:, :3], cov[:3, :3], times - bias)
     if np.any(bend > epoch.std):
         s = solve([epoch], mean, cov, _around(mean, cov), config)
@@ -50,7 +51,8 @@ def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEsti
     keep = np.flatnonzero(weights > _LEAST_WEIGHT)
     a = absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], config.gate_sigma)
     rejected = len(epoch.time) - a.used
-    return ToaEstimate(epoch.t_ns, mean + a.change[:STATES], a.cov[:STATES, :STATES], a.used, rejected, a.nis)
+    size = len(mean)
+    return ToaEstimate(epoch.t_ns, mean + a.change[:size], a.cov[:size, :size], a.used, rejected, a.nis)
 
 
 _LEAST_WEIGHT = 0.01  # of an arrival; one below counts as rejected, so that a lost target is noticed
@@ -73,10 +75,10 @@ def _sway(epoch: Epoch, H: Array) -> Array:
 
 
 def _with_bias(cov: Array) -> Array:
-    """(8, 8): the state's covariance (7, 7) and that of an unknown instant of emission."""
-    whole = np.zeros((STATES + 1, STATES + 1))
-    whole[:STATES, :STATES] = cov
-    whole[STATES, STATES] = BIAS_STD**2
+    """(D + 1, D + 1): the state's covariance (D, D) and that of an unknown instant of emission."""
+    whole = np.zeros((len(cov) + 1, len(cov) + 1))
+    whole[:-1, :-1] = cov
+    whole[-1, -1] = BIAS_STD**2
     return whole
 
 

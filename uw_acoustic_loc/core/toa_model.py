@@ -55,6 +55,8 @@ class ToaConfig:
     surface_pressure: float = param(101_325.0, unit="Pa", low=5e4, high=1.2e5, doc="of the air")
     water_density: float = param(1025.0, unit="kg/m^3", low=950, high=1100)
     moving_receivers: bool = param(False, doc="buoys/positions comes all the time, and is taken in stamp order")
+    buoy_clock_offset_std: float = param(0.0, unit="s", low=0, doc="of each clock at the start; 0 = all are right")
+    buoy_clock_drift_std: float = param(0.0, unit="s/s", low=0, doc="of each clock, constant; 0 = none drifts")
     mooring_ids: tuple[str, ...] = param((), doc="moorings whose `mooring/<id>/odometry` moves a receiver along x")
     mooring_receivers: tuple[int, ...] = param((), low=0, high=65535, doc="the receiver on each of mooring_ids")
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
@@ -76,6 +78,8 @@ class ToaConfig:
             )
         if len(set(self.receiver_ids)) < len(self.receiver_ids):
             raise ValueError(f"receiver_ids must differ from each other, got {list(self.receiver_ids)}")
+        if self.buoy_clock_drift_std > 0 and self.buoy_clock_offset_std == 0:
+            raise ValueError("buoy_clock_drift_std needs a buoy_clock_offset_std above 0, got 0 s")
         if len(set(self.mooring_ids)) < len(self.mooring_ids) or len(self.mooring_ids) != len(self.mooring_receivers):
             raise ValueError(
                 f"mooring_ids must differ and be as many as mooring_receivers, got {list(self.mooring_ids)} "
@@ -127,6 +131,8 @@ def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Arra
     The covariance is symmetric to rounding; the update makes it exactly so.
     """
     F, Q = _step(dt, config.acceleration_noise, config.vertical_acceleration_noise, config.sound_speed_walk)
+    if len(mean) > STATES:
+        F, Q = _with_drift(F, Q, len(mean), dt * (config.buoy_clock_drift_std > 0))
     return _in_water(F.dot(mean), F.dot(cov).dot(F.T) + Q, config)
 
 
@@ -162,6 +168,14 @@ def _step(dt: float, acceleration: float, vertical: float, walk: float) -> tuple
     Q[k + 3, k + 3] = q * age
     Q[6, 6] = walk**2 * age
     return motion(dt), Q
+
+
+def _with_drift(F: Array, Q: Array, size: int, dt: float) -> tuple[Array, Array]:
+    """The same with the buoys' clocks (core/toa_clock.py), whose offsets grow by their drifts, if they have any."""
+    whole, noise, offsets = np.eye(size), np.zeros((size, size)), np.arange(STATES, (size + STATES) // 2)
+    whole[:STATES, :STATES], noise[:STATES, :STATES] = F, Q
+    whole[offsets, offsets + len(offsets)] = dt
+    return whole, noise
 
 
 def arrival_times(

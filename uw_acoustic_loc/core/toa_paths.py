@@ -16,7 +16,7 @@ import numpy as np
 
 from .types import AnyArray, Array, ArrivalPaths, Arrivals
 
-Predictor = Callable[[Array], tuple[Array, Array]]  # images (n, 3) -> times (n,), their covariance (n, n)
+Predictor = Callable[[Array, AnyArray], tuple[Array, Array]]  # images (n, 3), rows (n,) -> times (n,), covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> tuple[Ep
     for receiver in set(epoch.receiver.tolist()):
         rows = np.flatnonzero(epoch.receiver == receiver)
         paths = _modelled(epoch.net, receiver)
-        times, cov = predictor(epoch.net.images[paths, receiver])
+        times, cov = predictor(epoch.net.images[paths, receiver], np.full(len(paths), receiver))
         cov[np.diag_indices(len(paths))] += np.square(epoch.std[rows]).mean()
         chosen, costs = zip(*_assignments(epoch.rows(rows), paths, times, cov, gate_sigma**2), strict=True)
         weights = np.exp(-0.5 * (np.array(costs) - min(costs)))

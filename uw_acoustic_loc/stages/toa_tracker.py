@@ -11,7 +11,7 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Status
 from ..core.toa import ToaConfig, ToaEstimate, ToaTracker
-from ..core.toa_model import height_from_pressure
+from ..core.toa_model import STATES, height_from_pressure
 from ..core.toa_paths import Net, make_net
 from ..core.types import Array, ArrivalPaths, Arrivals, NodePositions, Odometry, Pressure, Scalar
 
@@ -69,6 +69,8 @@ class ToaTrackerStage:
             values["last_used"], values["last_rejected"] = self._last.used, self._last.rejected
             values["nis_per_arrival"] = self._last.nis / max(self._last.used, 1)
             values["position_std_m"] = math.sqrt(float(np.trace(self._last.cov[:3, :3])))
+            for name, offset in zip(self._nodes[0] if self._nodes else (), self._last.mean[STATES:], strict=False):
+                values[f"clock_offset_s.{name}"] = float(offset)
         if self._tracker.tracking:
             return Status(Status.OK, "tracking", values)
         return Status(Status.WARN, "acquiring the target", values)
