@@ -102,11 +102,12 @@ def toa_run(weigh: Weigh | str, noise: ImpulsiveNoise, seed: int) -> tuple[Array
             spread = np.einsum("ni,ij,nj->n", H, cov, H)
             std /= np.sqrt(weigh(time - times, spread, noise))
         row = Arrivals((k + 1) * 10**9, receiver, path, time, std.astype(np.float32), np.full(5, 20.0, np.float32))
-        estimate = tracker.update(row) or estimate
-        if k >= SETTLED and estimate is not None:
-            off = estimate.mean[:3] - truth
+        found = tracker.update(row)
+        estimate = found or estimate
+        if k >= SETTLED and found:
+            off = found.mean[:3] - truth
             errors.append(off)
-            nees.append(float(off @ np.linalg.solve(estimate.cov[:3, :3], off)) / 3)
+            nees.append(float(off @ np.linalg.solve(found.cov[:3, :3], off)) / 3)
     return np.array(errors), np.array(nees)
 
 

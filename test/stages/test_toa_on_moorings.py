@@ -19,7 +19,7 @@ from uw_acoustic_loc.stages.toa_tracker import ToaTrackerStage
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
 IDS = ("m1", "m2", "m3", "m4")
 SOFT = {"stiffness": 0.05, "force": 0.25, "process_std": 0.1}  # 5 m on average, with a period of 28 s
-TRACKER = ToaConfig(bottom_depth=40.0, acceleration_noise=0.25, vertical_acceleration_noise=0.01)
+TRACKER = ToaConfig(bottom_depth=40.0, acceleration_noise=0.18, vertical_acceleration_noise=0.01)
 CORRECTED = dataclasses.replace(TRACKER, mooring_ids=IDS, mooring_receivers=(1, 2, 3, 4))
 
 

@@ -13,7 +13,7 @@ from uw_acoustic_loc.stages.runner import Refusal, Runner
 from uw_acoustic_loc.stages.toa_tracker import ToaTrackerStage
 
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
-CONFIG = ToaConfig(bottom_depth=40.0, acceleration_noise=0.25, vertical_acceleration_noise=0.01)
+CONFIG = ToaConfig(bottom_depth=40.0, acceleration_noise=0.18, vertical_acceleration_noise=0.01)
 
 
 def inputs_of(scenario: Scenario) -> list[tuple[str, object]]:

@@ -38,7 +38,7 @@ def emission_bias(epoch: Epoch, mean: Array, config: ToaConfig) -> float:
 def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEstimate:
     """By one linear update; after a long gap, too curved for that, by iterations from the prediction (7,), (7, 7)."""
     bias = emission_bias(epoch, mean, config)
-    times, H = heard_times(mean, epoch.images, epoch.receiver, bias, bias)
+    times, H = heard_times(mean, epoch.images, epoch.receiver, bias, bias or None)
     bend = curvature(H[:, :3], cov[:3, :3], times - bias)
     if np.any(bend > epoch.std):
         s = solve([epoch], mean, cov, _around(mean, cov), config)
