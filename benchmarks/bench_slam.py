@@ -17,7 +17,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.inertial import GYRO_BIAS, SIZE, VELOCITY, YAW, jacobian, moved
+from uw_acoustic_loc.core.inertial import GYRO_BIAS, SIZE, VELOCITY, YAW, moved
 from uw_acoustic_loc.core.joint import Joint, Slot
 from uw_acoustic_loc.core.triangulation import Fix
 
@@ -61,8 +61,7 @@ class Ours:
 
     def __call__(self, k: int) -> None:
         joint = self.joint
-        F = jacobian(joint.mean, RATES, DT)
-        joint.move(moved(joint.mean, RATES, FORCE, DT), F, process_noise(F))
+        joint.move(*moved(joint.mean, RATES, FORCE, DT), _DRIVING, _ADDED)
         for i in range(k, k + 3):
             prediction = joint.bearing(self.slots[i % len(self.slots)], OFFSET)
             joint.correct(prediction, ERROR, BEARING)
@@ -87,9 +86,8 @@ class Textbook:
     def predict(self) -> None:
         n = self.mean.size
         F, Q = np.eye(n), np.zeros((n, n))
-        F[:9, :12] = jacobian(self.mean, RATES, DT)
+        self.mean[:9], F[:9, :12] = moved(self.mean, RATES, FORCE, DT)
         Q[:9, :9] = process_noise(F[:9, :12])
-        self.mean[:9] = moved(self.mean, RATES, FORCE, DT)
         self.P = F @ self.P @ F.T + Q
 
     def correct(self, s: int) -> None:
@@ -166,6 +164,8 @@ def main() -> int:
 
 
 _VELOCITIES = np.arange(VELOCITY.start, VELOCITY.stop)
+_DRIVING, _ADDED = np.zeros(12), np.zeros(9)
+_DRIVING[GYRO_BIAS], _ADDED[VELOCITY] = GYRO, ACCELEROMETER * DT**2
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -19,59 +19,61 @@ YAW = 5
 GRAVITY = 9.81  # m/s^2
 
 
-def moved(state: Array, rates: Array, force: Array, dt: float) -> Array:
-    """(9,) the state's first 9 after dt s, from measured angular rate (3,) and specific force (3,) (eq. 9).
+def moved(state: Array, rates: Array, force: Array, dt: float) -> tuple[Array, Array]:
+    """The state's first 9 after dt s, from measured angular rate (3,) and specific force (3,) (eq. 9).
+
+    With them F (9, 12), their Jacobian with respect to the state's first 12; minus its last 3 columns is that with
+    respect to the angular rate. Plain numbers: calls of numpy would take most of the time.
 
     Raises:
         ValueError: the pitch has passed 85 degrees.
     """
-    roll, pitch, yaw, u, v, w = state[3:9].tolist()
+    x, y, z, roll, pitch, yaw, u, v, w, on_p, on_q, on_r = state[:12].tolist()
     if abs(pitch) > _STEEPEST:
         raise ValueError(f"pitch must stay within 85 degrees, got {math.degrees(pitch):.1f}")
-    p, q, r = (rates - state[GYRO_BIAS]).tolist()
+    p, q, r = rates.tolist()
+    p, q, r = p - on_p, q - on_q, r - on_r
     ax, ay, az = force.tolist()
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    lift = sr * v + cr * w
+    cy, sy, lift, climb = math.cos(yaw), math.sin(yaw), sr * v + cr * w, q * sr + r * cr
     forward, port = cp * u + sp * lift, cr * v - sr * w  # velocity in the level frame turned by yaw
-    climb = q * sr + r * cr
-    derivative = (
-        *(cy * forward - sy * port, sy * forward + cy * port, -sp * u + cp * lift),
-        *(p + climb * sp / cp, q * cr - r * sr, climb / cp),
-        ax + r * v - q * w + GRAVITY * sp,
-        ay + p * w - r * u - GRAVITY * sr * cp,
-        az + q * u - p * v - GRAVITY * cr * cp,
+    after = (
+        *(x + dt * (cy * forward - sy * port), y + dt * (sy * forward + cy * port), z + dt * (cp * lift - sp * u)),
+        *(roll + dt * (p + climb * sp / cp), pitch + dt * (q * cr - r * sr), yaw + dt * climb / cp),
+        u + dt * (ax + r * v - q * w + GRAVITY * sp),
+        v + dt * (ay + p * w - r * u - GRAVITY * sr * cp),
+        w + dt * (az + q * u - p * v - GRAVITY * cr * cp),
     )
-    return np.asarray(state[:9] + dt * np.array(derivative))
+    F = _IDENTITY.copy()
+    F[_FILLED] += dt * np.array(_slopes(cr, sr, cp, sp, cy, sy, u, v, w, p, q, r))
+    return np.array(after), F.reshape(9, 12)
 
 
-def jacobian(state: Array, rates: Array, dt: float) -> Array:
-    """F (9, 12) of `moved` with respect to the state's first 12. Minus its last 3 columns: that of the angular rate."""
-    roll, pitch, yaw, u, v, w = state[3:9].tolist()
-    p, q, r = (rates - state[GYRO_BIAS]).tolist()
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    cy, sy, tp = math.cos(yaw), math.sin(yaw), sp / cp
-    lift = sr * v + cr * w
-    forward, port, rise = cp * u + sp * lift, cr * v - sr * w, -sp * u + cp * lift
-    climb, tilt, g = q * sr + r * cr, q * cr - r * sr, GRAVITY
-    turning = (cy * sp * port + sy * lift, cy * rise, -sy * forward - cy * port)  # of the velocity over ground, by
-    turned = (sy * sp * port - cy * lift, sy * rise, cy * forward - sy * port)  # roll, pitch and yaw
-    F = np.zeros((9, 12))
-    F[:, 3:] = (
-        (*turning, cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, 0.0, 0.0, 0.0),
-        (*turned, sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, 0.0, 0.0, 0.0),
-        (cp * port, -forward, 0.0, -sp, cp * sr, cp * cr, 0.0, 0.0, 0.0),
-        (tilt * tp, climb / cp**2, 0.0, 0.0, 0.0, 0.0, -1.0, -sr * tp, -cr * tp),
-        (-climb, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -cr, sr),
-        (tilt / cp, climb * tp / cp, 0.0, 0.0, 0.0, 0.0, 0.0, -sr / cp, -cr / cp),
-        (0.0, g * cp, 0.0, 0.0, r, -q, 0.0, w, -v),
-        (-g * cr * cp, g * sr * sp, 0.0, -r, 0.0, p, -w, 0.0, u),
-        (g * sr * cp, g * cr * sp, 0.0, q, -p, 0.0, v, -u, 0.0),
+def _slopes(*attitude_and_motion: float) -> tuple[float, ...]:
+    """The Jacobian of the state's derivative where it is not zero, row by row."""
+    cr, sr, cp, sp, cy, sy, u, v, w, p, q, r = attitude_and_motion
+    lift, tp, g = sr * v + cr * w, sp / cp, GRAVITY
+    forward, port, rise = cp * u + sp * lift, cr * v - sr * w, cp * lift - sp * u
+    climb, tilt = q * sr + r * cr, q * cr - r * sr
+    east, north = cy * forward - sy * port, sy * forward + cy * port
+    return (
+        *(cy * sp * port + sy * lift, cy * rise, -north, cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        *(sy * sp * port - cy * lift, sy * rise, east, sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        *(cp * port, -forward, -sp, cp * sr, cp * cr),
+        *(tilt * tp, climb / cp**2, -1.0, -sr * tp, -cr * tp),
+        *(-climb, -cr, sr),
+        *(tilt / cp, climb * tp / cp, -sr / cp, -cr / cp),
+        *(g * cp, r, -q, w, -v),
+        *(-g * cr * cp, g * sr * sp, -r, p, -w, u),
+        *(g * sr * cp, g * cr * sp, q, -p, v, -u),
     )
-    F *= dt
-    F[_DIAGONAL, _DIAGONAL] += 1.0
-    return F
 
 
 _STEEPEST = math.radians(85)  # Euler angles end at 90 degrees
-_DIAGONAL = np.arange(9)
+_COLUMNS = (  # of `_slopes`
+    *((3, 4, 5, 6, 7, 8), (3, 4, 5, 6, 7, 8), (3, 4, 6, 7, 8)),
+    *((3, 4, 9, 10, 11), (3, 10, 11), (3, 4, 10, 11)),
+    *((4, 7, 8, 10, 11), (3, 4, 6, 8, 9, 11), (3, 4, 6, 7, 9, 10)),
+)
+_FILLED = np.array([12 * row + column for row, columns in enumerate(_COLUMNS) for column in columns])
+_IDENTITY = np.eye(9, 12).ravel()

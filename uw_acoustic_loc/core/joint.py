@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +25,7 @@ class Slot:
         return slice(self.start, self.start + 2)
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(NamedTuple):
     """A predicted measurement: value, variance, and the covariance (n,) of the state with it."""
 
     value: float
@@ -45,19 +45,22 @@ class Joint:
         self._slots: list[Slot] = []
         self._dger = dger
 
-    def move(self, mean: Array, F: Array, Q: Array) -> None:
-        """Takes over the moved first k states: F (k, m) their Jacobian with respect to the first m, Q (k, k)."""
+    def move(self, mean: Array, F: Array, driving: Array, added: Array) -> None:
+        """Takes over the moved first k states: F (k, m) is their Jacobian with respect to the first m.
+
+        In this step these m had white errors of variances `driving` (m,) besides, and the k gain `added` (k,).
+        """
         k, m = F.shape
-        rows = F @ self.cov[:m]
-        corner = rows[:, :m] @ F.T + Q
-        self.cov[:k], self.cov[:, :k] = rows, rows.T
-        self.cov[:k, :k] = (corner + corner.T) / 2
-        self.mean[:k] = mean
+        rows = F.dot(self.cov[:m])
+        corner = (rows[:, :m] + F * driving).dot(F.T)
+        corner.reshape(-1)[:: k + 1] += added
+        np.multiply(corner + corner.T, 0.5, out=rows[:, :k])
+        self.cov[:k], self.cov[:, :k], self.mean[:k] = rows, rows.T, mean
 
     def widen(self, part: slice, variance: float) -> None:
         """Adds a variance to some states."""
-        k = np.arange(part.start, part.stop)
-        self.cov[k, k] += variance
+        diagonal = self.cov.reshape(-1)[:: len(self.cov) + 1]
+        diagonal[part] += variance
 
     def predict(self, value: float, columns: list[int], H: Array) -> Prediction:
         """A measurement whose Jacobian is H in `columns` and 0 elsewhere."""
@@ -94,22 +97,22 @@ class Joint:
     def bearing(self, slot: Slot, offset: Array) -> Prediction:
         """Bearing of a pinger in the vehicle's frame (eq. 12), heard by an array at `offset`."""
         mean, cov, at = self.mean, self.cov, slot.start
-        yaw = float(mean[YAW])
+        get, yaw = cov.item, mean.item(YAW)  # indexing gives numpy scalars, which are slow
         c, s = math.cos(yaw), math.sin(yaw)
-        ox, oy = c * float(offset[0]) - s * float(offset[1]), s * float(offset[0]) + c * float(offset[1])
-
-        def apart(v: Array) -> tuple[float, float]:
-            """The Jacobian of (dx, dy) times v (n,)."""
-            get = v.item  # indexing gives numpy scalars, which are slow
-            return get(at) - get(0) + oy * get(YAW), get(at + 1) - get(1) - ox * get(YAW)
-
+        ahead, left = offset.tolist()
+        ox, oy = c * ahead - s * left, s * ahead + c * left
         dx, dy = mean.item(at) - mean.item(0) - ox, mean.item(at + 1) - mean.item(1) - oy
-        by_x, by_y = cov[at] - cov[0] + oy * cov[YAW], cov[at + 1] - cov[1] - ox * cov[YAW]
-        deviation, (on_x, on_y), rest = regression(dx, dy, *apart(by_x), apart(by_y)[1])
-        cross = on_x * by_x + on_y * by_y - cov[YAW]
-        east, north = apart(cross)
-        value = wrap_angle(math.atan2(dy, dx) + deviation - yaw)
-        return Prediction(value, on_x * east + on_y * north - cross.item(YAW) + rest, cross)
+        yaws, x_yaw, y_yaw = get(YAW, YAW), get(at, YAW) - get(0, YAW), get(at + 1, YAW) - get(1, YAW)
+        sxx = get(at, at) - 2 * get(at, 0) + get(0, 0) + oy * (2 * x_yaw + oy * yaws)
+        syy = get(at + 1, at + 1) - 2 * get(at + 1, 1) + get(1, 1) - ox * (2 * y_yaw - ox * yaws)
+        sxy = get(at + 1, at) - get(at, 1) - get(at + 1, 0) + get(1, 0) + oy * y_yaw - ox * (x_yaw + oy * yaws)
+        deviation, (on_x, on_y), rest = regression(dx, dy, sxx, sxy, syy)
+        turn = on_x * oy - on_y * ox - 1.0
+        cross = np.array((-on_x, -on_y, 0.0, 0.0, 0.0, turn)).dot(cov[: YAW + 1])
+        cross += np.array((on_x, on_y)).dot(cov[at : at + 2])
+        get = cross.item
+        explained = on_x * (get(at) - get(0)) + on_y * (get(at + 1) - get(1)) + turn * get(YAW)
+        return Prediction(wrap_angle(math.atan2(dy, dx) + deviation - yaw), explained + rest, cross)
 
     def position(self, slot: Slot) -> Fix:
         """A pinger's position with its covariance."""
@@ -123,24 +126,29 @@ def regression(x: float, y: float, sxx: float, sxy: float, syy: float) -> tuple[
     (Arasaratnam, Haykin, Elliott 2007, with 3 x 3 Gauss-Hermite points). At short or uncertain range the Jacobian at
     the mean would make an EKF overconfident and biased.
     """
-    tiny = 1e-12 * (x * x + y * y) + 1e-300
+    squared = x * x + y * y
+    tiny = 1e-12 * squared + 1e-300
     a = math.sqrt(sxx + tiny)
     b = sxy / a
     c = math.sqrt(max(syy - b * b, 0.0) + tiny)  # Cholesky factor [[a, 0], [b, c]]
+    along_p, across_p, along_q, across_q = x * a + y * b, x * b - y * a, y * c, x * c
     mean = square = on_p = on_q = 0.0
     for p, q, weight in _HERMITE:
-        px, py = x + a * p, y + b * p + c * q
-        angle = math.atan2(x * py - y * px, x * px + y * py)
-        mean += weight * angle
-        square += weight * angle * angle
-        on_p += weight * angle * p
-        on_q += weight * angle * q
+        along, across = p * along_p + q * along_q, p * across_p + q * across_q
+        here, opposite = math.atan2(across, squared + along), math.atan2(-across, squared - along)
+        mean += weight * (here + opposite)
+        square += weight * (here * here + opposite * opposite)
+        lean = weight * (here - opposite)
+        on_p += lean * p
+        on_q += lean * q
     slope = (on_p - on_q * b / c) / a, on_q / c
     return mean, slope, max(square - mean * mean - on_p * on_p - on_q * on_q, 0.0)
 
 
-_HERMITE = tuple(
-    (p, q, wp * wq)
-    for p, wp in ((-math.sqrt(3), 1 / 6), (0.0, 2 / 3), (math.sqrt(3), 1 / 6))
-    for q, wq in ((-math.sqrt(3), 1 / 6), (0.0, 2 / 3), (math.sqrt(3), 1 / 6))
+_NODE = math.sqrt(3)  # of the third Hermite polynomial; its weights are 1/6, 2/3, 1/6
+_HERMITE = (  # half of the nine points; the others are opposite, and the middle one adds nothing
+    (_NODE, 0.0, 1 / 9),
+    (0.0, _NODE, 1 / 9),
+    (_NODE, _NODE, 1 / 36),
+    (_NODE, -_NODE, 1 / 36),
 )

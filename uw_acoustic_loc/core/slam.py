@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..config import param
-from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, jacobian, moved
+from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, moved
 from .joint import Joint, Prediction
 from .localizer import check_ranges, check_source_ids, independent_share, std_of
 from .slam_pinger import Pinger, Pose
@@ -164,12 +164,19 @@ class Slam:
         lost = interval > config.imu_timeout  # the held reading then says little about the gap
         gyro = max(config.gyro_std, lost * _LOST_RATE) ** 2 * interval  # power densities of the held noise
         accelerometer = max(config.accelerometer_std, lost * _LOST_ACCELERATION) ** 2 * interval
-        self._raw = _reckoned(self._raw, joint.mean[VELOCITY] + joint.mean[LOG_BIAS], float(self._rates[2]), dt)
-        F = jacobian(joint.mean, self._rates, dt)
-        Q = F[:, GYRO_BIAS] @ F[:, GYRO_BIAS].T * (gyro / dt)
-        Q[_VELOCITY_DIAGONAL] += accelerometer * dt
-        joint.move(moved(joint.mean, self._rates, self._force, dt), F, Q)
+        self._raw = self._reckoned(dt)
+        driving, added = np.zeros(12), np.zeros(9)
+        driving[GYRO_BIAS], added[VELOCITY] = gyro / dt, accelerometer * dt
+        joint.move(*moved(joint.mean, self._rates, self._force, dt), driving, added)
         joint.widen(GYRO_BIAS, config.gyro_bias_walk**2 * dt)
+
+    def _reckoned(self, dt: float) -> Pose:
+        """The raw pose after dt s, from the last rates and the log's velocity."""
+        raw, mean, rate = self._raw, self.joint.mean, self._rates.item(2)
+        u, v = (mean.item(VELOCITY.start + k) + mean.item(LOG_BIAS.start + k) for k in range(2))
+        midway = raw.yaw + rate * dt / 2
+        c, s = math.cos(midway), math.sin(midway)
+        return Pose(raw.x + (c * u - s * v) * dt, raw.y + (s * u + c * v) * dt, raw.yaw + rate * dt, raw.time + dt)
 
     def _predicted_velocity(self, axis: int) -> Prediction:
         columns = [VELOCITY.start + axis, LOG_BIAS.start + axis]
@@ -213,17 +220,9 @@ def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> Non
         raise ValueError(f"{what} must be at most {limit:g} {unit} on each axis, got {largest:g}")
 
 
-def _reckoned(raw: Pose, velocity: Array, rate: float, dt: float) -> Pose:
-    u, v, _ = velocity.tolist()
-    midway = raw.yaw + rate * dt / 2
-    c, s = math.cos(midway), math.sin(midway)
-    return Pose(raw.x + (c * u - s * v) * dt, raw.y + (s * u + c * v) * dt, raw.yaw + rate * dt, raw.time + dt)
-
-
 _START_SPEED = 3.0  # m/s, std per axis before the Doppler log speaks
 _LONGEST_STEP = 0.02  # s
 _LOST_RATE = 0.2  # rad/s, how well a reading describes a gap
 _LOST_ACCELERATION = 0.5  # m/s^2
 _PUSHED = 3
 _FASTEST, _HARDEST = 10.0, 100.0  # rad/s, m/s^2; beyond is a fault, one held reading of which would turn the track
-_VELOCITY_DIAGONAL = (np.arange(6, 9), np.arange(6, 9))

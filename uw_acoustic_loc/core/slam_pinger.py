@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from .slam import SlamConfig
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """A level vehicle's pose and the time in s."""
 
     x: float
