@@ -195,8 +195,10 @@ def mixture_belief(error: Array, variance: Array, noise: ImpulsiveNoise) -> tupl
 
 
 LOCALIZERS: dict[str, Mapping[str, object]] = {
-    "ekf, gate 5 sigma (default)": {},
-    "ekf, gate 3 sigma": {"gate_sigma": 3.0},
+    "ekf, gaussian": {"bearing_noise": "gaussian"},
+    "ekf, gaussian, gate 3 sigma": {"bearing_noise": "gaussian", "gate_sigma": 3.0},
+    "ekf, student_t": {"bearing_noise": "student_t"},
+    "ekf, mixture": {"bearing_noise": "mixture"},
     **{
         f"particle_filter, {noise}": {"method": "particle_filter", "bearing_noise": noise, "gate_sigma": 100.0}
         for noise in ("gaussian", "student_t", "mixture")

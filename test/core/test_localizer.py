@@ -11,6 +11,7 @@ import pytest
 
 from uw_acoustic_loc.config import build
 from uw_acoustic_loc.core.geometry import mirror_bearing, wrap_angle
+from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
 from uw_acoustic_loc.core.localizer import LocalizerConfig, SourceLocalizer, independent_share
 
 STD = math.radians(2)
@@ -94,6 +95,30 @@ def test_correlated_errors_stay_honest():
     assert 0.5 < nees[1.0] < 1.6 and nees[0.0] > 5
 
 
+IMPULSES = AlphaStable(1.8, 1.0, 10.0, -3.0)  # table 1 of Lee, Yang, Huh 2013
+
+
+def nees_once_round(noise: str, method: dict[str, object], seed: int) -> float:
+    """120 bearings of 2 degrees, one in five an impulse of 20 degrees and more, on a circle about the source."""
+    rng = np.random.default_rng([34, seed])
+    errors = ImpulsiveNoise(STD, 0.2, IMPULSES).draw(rng, 120)
+    errors[0] = rng.normal(0, STD)
+    localizer = SourceLocalizer(config(mirror=False, bearing_noise=noise, range_max=100.0, **method), 0)
+    for k, turn in enumerate(np.linspace(0, 2 * math.pi, 120)):
+        x, y = 40 * math.cos(turn), 40 * math.sin(turn)
+        localizer.update((k + 1) * 10**9, x, y, 0.0, wrap_angle(heard(x, y, 0.0) + errors[k]), math.nan)
+    fix = localizer.sides[0].fix
+    off = fix.mean - SOURCE
+    return float(off @ np.linalg.solve(fix.cov, off)) / 2
+
+
+@pytest.mark.parametrize("noise", ["mixture", "student_t"])
+@pytest.mark.parametrize("method", [{}, {"source_speed_std": 0.05}])
+def test_impulses_do_not_kill_the_right_range(noise, method):
+    """NEES / 2 of 25 runs within four times the spread that it has when it is honest."""
+    assert np.mean([nees_once_round(noise, method, seed) for seed in range(25)]) < 1 + 4 / math.sqrt(25)
+
+
 def test_independent_share():
     rho = math.exp(-0.1 / 2.0)
     assert independent_share(0.1, 2.0) == pytest.approx((1 - rho) / (1 + rho))
@@ -168,6 +193,7 @@ def test_towed_array(animal, method):
     _, first = np.unique(heard_at[:, 1], return_index=True)
     wanted = config(
         method=method,
+        bearing_noise="gaussian",  # no call is a direction at random
         bearing_std=math.radians(1.5),
         bearing_correlation_time=10.0,
         range_min=100.0,

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from .bearing_noise import believed
 from .geometry import wrap_angle
 from .log_polar import bearing_moments, cartesian, corrected, seen_from
 from .triangulation import Drift, Fix, Ray
@@ -22,16 +23,20 @@ class BearingEkf:
     With known motion the state is the relative position of eq. 3-12 in the coordinates of Aidala and Hammel (1983): a
     bearing is linear in them, a drift of the heading adds to the bearing alone, and what is known of the range is not
     mistaken for what is known of the bearing, as x and y do after many noisy steps. `process_noise` (m per sqrt(s)) is
-    how fast the position may wander in the frame. The members are few, so plain numbers are faster than arrays.
+    how fast the position may wander in the frame. Each member believes as much of a bearing as fits its own prediction
+    (`believed`): an impulse that fits the bank as a whole may be far from the member at the right range. The members
+    are few, so plain numbers are faster than arrays.
     """
 
-    def __init__(self, origin: Array, means: Array, covs: Array, process_noise: float = 0.0) -> None:
+    def __init__(
+        self, origin: Array, means: Array, covs: Array, process_noise: float = 0.0, noise: str = "gaussian"
+    ) -> None:
         """Members `means` (K, 2) and `covs` (K, 2, 2) of log range and bearing, seen from `origin`; of equal weight."""
         if means.ndim != 2 or means.shape[1] != 2 or covs.shape != (len(means), 2, 2):
             raise ValueError(f"means must be (K, 2) and covs (K, 2, 2), got {means.shape} and {covs.shape}")
         self._origin = complex(*origin)
         self._members = [_member(mean, cov, -math.log(len(means))) for mean, cov in zip(means, covs, strict=True)]
-        self._process_noise = process_noise
+        self._process_noise, self._noise = process_noise, noise
 
     def predict(self, duration: float, drift: Drift) -> None:
         """Lets the position wander for a duration in s, and turn about the vehicle."""
@@ -48,9 +53,11 @@ class BearingEkf:
         toward, variance = cmath.rect(1.0, ray.bearing), ray.std**2 / ray.weight
         members = []
         for line, g, q, log_weight in self._members:
-            after = corrected(line, g, q, toward, variance, cmath.exp, cmath.phase)
-            error, S = after[3:]
-            members.append((*after[:3], log_weight - 0.5 * (error * error / S + math.log(S))))
+            error, spread = cmath.phase(toward * line.conjugate()), (g - q.real) / 2
+            S, counted = spread + ray.std**2, spread + variance
+            trust, log_likelihood = believed(self._noise, error, S, counted, math.exp, math.log)
+            after = corrected(line, g, q, toward, variance / trust, cmath.exp, cmath.phase)
+            members.append((*after[:3], log_weight + log_likelihood))
         self._members = _normalised(members)
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
@@ -78,7 +85,9 @@ class BearingEkf:
         return [(*seen_from(p, g, q, clear(p, shift)), w) for p, g, q, w in self._members]
 
 
-def range_bank(ray: Ray, range_min: float, range_max: float, process_noise: float = 0.0) -> BearingEkf:
+def range_bank(
+    ray: Ray, range_min: float, range_max: float, process_noise: float = 0.0, noise: str = "gaussian"
+) -> BearingEkf:
     """A start from one bearing: members along it in geometric progression (Peach 1995), equally likely.
 
     Each has the mean and variance of a log range uniform in its interval.
@@ -86,7 +95,7 @@ def range_bank(ray: Ray, range_min: float, range_max: float, process_noise: floa
     log_ranges, variance = range_intervals(range_min, range_max, _RATIO)
     means = np.stack([log_ranges, np.full(log_ranges.size, ray.bearing)], axis=1)
     covs = np.tile(np.diag([variance, ray.std**2 / ray.weight]), (log_ranges.size, 1, 1))
-    return BearingEkf(np.array([ray.x, ray.y]), means, covs, process_noise)
+    return BearingEkf(np.array([ray.x, ray.y]), means, covs, process_noise, noise)
 
 
 def range_intervals(range_min: float, range_max: float, ratio: float) -> tuple[Array, float]:

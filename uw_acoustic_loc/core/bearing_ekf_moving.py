@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .bearing_ekf import NEAREST, PRUNED, range_intervals
+from .bearing_noise import believed
 from .geometry import wrap_angle
 from .log_polar import bearing_moments, cartesian
 from .triangulation import Drift, Fix, Ray
@@ -25,7 +26,14 @@ class MovingBearingEkf:
     """
 
     def __init__(
-        self, ray: Ray, range_min: float, range_max: float, *, speed_std: float, process_noise: float = 0.0
+        self,
+        ray: Ray,
+        range_min: float,
+        range_max: float,
+        *,
+        speed_std: float,
+        process_noise: float = 0.0,
+        noise: str = "gaussian",
     ) -> None:
         log_ranges, variance = range_intervals(range_min, range_max, _RATIO)
         self._origin = complex(ray.x, ray.y)
@@ -38,7 +46,7 @@ class MovingBearingEkf:
         self._G[:, 0, 0], self._Q[:, 0, 0] = variance + bearing, variance - bearing
         self._G[:, 1, 1] = 2 * speed_std**2 * np.exp(-2 * log_ranges + 2 * variance)
         self._log_weight = np.full(log_ranges.size, -math.log(log_ranges.size))
-        self._process_noise = process_noise
+        self._process_noise, self._noise = process_noise, noise
 
     def predict(self, duration: float, drift: Drift) -> None:
         """Lets the source move for a duration in s, wander, and turn about the vehicle with its velocity."""
@@ -50,14 +58,16 @@ class MovingBearingEkf:
         self._line, self._rate, self._G, self._Q = self._moved(complex(ray.x, ray.y))
         self._origin, self._duration, self._turn = complex(ray.x, ray.y), 0.0, 0.0
         k = 0.5j * (self._G[:, :, 0] - self._Q[:, :, 0])  # cov(z, bearing)
-        S = k[:, 0].imag + ray.std**2 / ray.weight
+        predicted, variance = k[:, 0].imag, ray.std**2 / ray.weight
         error = np.angle(np.exp(1j * ray.bearing) * self._line.conj())
-        scaled = k / S[:, None]
+        S, counted = predicted + ray.std**2, predicted + variance
+        trust, log_likelihood = believed(self._noise, error, S, counted, np.exp, np.log)
+        scaled = k / (predicted + variance / trust)[:, None]
         self._line = self._line * np.exp(scaled[:, 0] * error)
         self._rate = self._rate + scaled[:, 1] * error
         self._G = self._G - scaled[:, :, None] * k.conj()[:, None, :]
         self._Q = self._Q - scaled[:, :, None] * k[:, None, :]
-        self._reweigh(self._log_weight - 0.5 * (error * error / S + np.log(S)))
+        self._reweigh(self._log_weight + log_likelihood)
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""

@@ -25,7 +25,9 @@ class LocalizerConfig:
 
     source_ids: tuple[str, ...] = param(doc="the sources to locate, each with its topic sources/<id>/bearing")
     method: str = param("ekf", choices=("triangulation", "ekf", "particle_filter"))
-    bearing_noise: str = param("gaussian", choices=NOISES, doc="of the particle filter; the other methods are gaussian")
+    bearing_noise: str = param(
+        "mixture", choices=NOISES, doc="of ekf and particle_filter; an ekf takes uniform for gaussian"
+    )
     bearing_std: float = param(0.0, unit="rad", low=0, high=3, changeable=True, doc="0 = the message's own variance")
     bearing_correlation_time: float = param(
         0.5, unit="s", low=0, high=1e4, changeable=True, doc="of the bearing errors; 0 = independent bearings"
@@ -209,19 +211,12 @@ class SourceLocalizer:
 def _estimator(ray: Ray, config: LocalizerConfig, rng: np.random.Generator) -> Estimator:
     if config.method == "triangulation":
         return Triangulation(ray, config.lines)
-    limits = config.range_min, config.range_max
+    limits, wander, noise = (config.range_min, config.range_max), config.process_noise, config.bearing_noise
     if config.source_speed_std:
-        return MovingBearingEkf(ray, *limits, speed_std=config.source_speed_std, process_noise=config.process_noise)
+        return MovingBearingEkf(ray, *limits, speed_std=config.source_speed_std, process_noise=wander, noise=noise)
     if config.method == "ekf":
-        return range_bank(ray, *limits, config.process_noise)
-    return BearingParticles(
-        ray,
-        *limits,
-        particles=config.particles,
-        noise=config.bearing_noise,
-        rng=rng,
-        process_noise=config.process_noise,
-    )
+        return range_bank(ray, *limits, wander, noise)
+    return BearingParticles(ray, *limits, particles=config.particles, noise=noise, rng=rng, process_noise=wander)
 
 
 def log_evidence(error: float, variance: float) -> float:
