@@ -1,15 +1,14 @@
 """Does a likelihood of the noise beat a gate? Buoy tracker and bearing EKF under alpha-stable impulses.
 
 The buoy tracker is used as it is: a weight per arrival (core/robust.py) is worked out from its own prediction and
-divides the arrival's variance. So is the localizer, with its own options; then a bank of its EKFs with a weight in
-each. Impulses are those of table 1 of Lee et al. 2013 in units of the Gaussian noise.
+divides the arrival's variance. So is the localizer, with its own options. Impulses are those of table 1 of Lee et al.
+2013 in units of the Gaussian noise.
 
     python benchmarks/study_robust.py [RUNS] [SEED]
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import sys
@@ -20,7 +19,6 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 
-from uw_acoustic_loc.core.bearing_ekf import BearingEkf, range_bank
 from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
 from uw_acoustic_loc.core.localizer import LocalizerConfig, SourceLocalizer
@@ -28,7 +26,7 @@ from uw_acoustic_loc.core.robust import mixture_weights, student_t_weights
 from uw_acoustic_loc.core.toa import ToaConfig, ToaTracker
 from uw_acoustic_loc.core.toa_model import arrival_times, predict
 from uw_acoustic_loc.core.toa_paths import make_net
-from uw_acoustic_loc.core.triangulation import Drift, Fix, Ray
+from uw_acoustic_loc.core.triangulation import Ray
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 40
@@ -41,9 +39,8 @@ BEARINGS, BEARING_STD = 120, math.radians(2.0)  # 1 s apart
 PINGER = np.array([20.0, 15.0])
 WIDE_OPEN = 1e6  # sigma
 LOST = 20.0  # m of error at any time: the run counts as lost, and in no other number
-RANGES, WANDER = (1.0, 200.0), 0.02  # m; m per sqrt(s)
+WANDER = 0.02  # m per sqrt(s)
 Weigh = Callable[[Array, Array, ImpulsiveNoise], Array]  # innovations, predicted variances, noise -> weights
-Believe = Callable[[Array, Array, ImpulsiveNoise], tuple[Array, Array]]  # the same -> weights, likelihoods
 
 
 @lru_cache
@@ -130,27 +127,6 @@ def localizer_run(options: Mapping[str, object], noise: ImpulsiveNoise, seed: in
     return _fix_error(fix.mean, fix.cov)
 
 
-def bank_run(believe: Believe, noise: ImpulsiveNoise, seed: int) -> tuple[Array, Array]:
-    """The same of a bank of EKFs, each range hypothesis weighing and believing bearings on its own."""
-    members: list[BearingEkf] = []
-    for ray in bearings(noise, seed):
-        if not members:
-            edges = np.geomspace(*RANGES, 13)
-            members = [range_bank(ray, low, high, WANDER) for low, high in itertools.pairwise(edges)]
-            log_weight = np.zeros(len(members))
-            continue
-        predicted, variance = np.array([_predict(member, ray) for member in members]).T
-        error = np.array([wrap_angle(ray.bearing - angle) for angle in predicted])
-        weights, evidence = believe(error, variance, noise)
-        for member, weight in zip(members, weights, strict=True):
-            member.update(Ray(ray.x, ray.y, ray.bearing, noise.std, float(weight)))
-        log_weight += np.log(evidence)
-        keep = log_weight > log_weight.max() + math.log(1e-4)
-        members, log_weight = [m for m, k in zip(members, keep, strict=True) if k], log_weight[keep]
-    shares = np.exp(log_weight - log_weight.max())
-    return _fix_error(*_mixed([member.estimate() for member in members], shares / shares.sum()))
-
-
 def bearings(noise: ImpulsiveNoise, seed: int) -> Iterator[Ray]:
     """Once round the pinger; the first bearing is no impulse, since a start is not for a weight."""
     rng = np.random.default_rng([seed, 2])
@@ -161,37 +137,9 @@ def bearings(noise: ImpulsiveNoise, seed: int) -> Iterator[Ray]:
         yield Ray(x, y, wrap_angle(math.atan2(PINGER[1] - y, PINGER[0] - x) + error), noise.std)
 
 
-def _predict(member: BearingEkf, ray: Ray) -> tuple[float, float]:
-    member.predict(1.0, Drift(ray.x, ray.y, 0.0))
-    return member.predicted_bearing(ray.x, ray.y)
-
-
-def _mixed(fixes: list[Fix], shares: Array) -> tuple[Array, Array]:
-    mean = np.einsum("k,ki->i", shares, [fix.mean for fix in fixes])
-    spread = [fix.cov + np.outer(fix.mean - mean, fix.mean - mean) for fix in fixes]
-    return mean, np.einsum("k,kij->ij", shares, spread)
-
-
 def _fix_error(mean: Array, cov: Array) -> tuple[Array, Array]:
     off = mean - PINGER
     return off[None], np.array([float(off @ np.linalg.solve(cov, off)) / 2])
-
-
-def gate_belief(sigma: float, error: Array, variance: Array, noise: ImpulsiveNoise) -> tuple[Array, Array]:
-    S = variance + noise.std**2
-    return gated(sigma, error, variance, noise), np.exp(-0.5 * np.minimum(error**2 / S, sigma**2)) / np.sqrt(S)
-
-
-def student_belief(dof: float, error: Array, variance: Array, noise: ImpulsiveNoise) -> tuple[Array, Array]:
-    S = variance + noise.std**2
-    return student_t(dof, error, variance, noise), (1 + error**2 / (dof * S)) ** (-(dof + 1) / 2) / np.sqrt(S)
-
-
-def mixture_belief(error: Array, variance: Array, noise: ImpulsiveNoise) -> tuple[Array, Array]:
-    S = variance + noise.std**2
-    gaussian = (1 - noise.fraction) * np.exp(-0.5 * error**2 / S) / np.sqrt(2 * np.pi * S)
-    impulse = noise.fraction * noise.impulse.density(error / noise.std) / noise.std
-    return mixture_weights(error, variance, noise), gaussian + impulse
 
 
 LOCALIZERS: dict[str, Mapping[str, object]] = {
@@ -203,12 +151,6 @@ LOCALIZERS: dict[str, Mapping[str, object]] = {
         f"particle_filter, {noise}": {"method": "particle_filter", "bearing_noise": noise, "gate_sigma": 100.0}
         for noise in ("gaussian", "student_t", "mixture")
     },
-}
-BELIEFS: dict[str, Believe] = {
-    "gate 3 sigma, each": partial(gate_belief, 3.0),
-    "gate 5 sigma, each": partial(gate_belief, 5.0),
-    "Student-t, 4 dof, each": partial(student_belief, 4.0),
-    "mixture, known, each": mixture_belief,
 }
 
 
@@ -237,4 +179,3 @@ if __name__ == "__main__":
     nodes = {f"the node, noise: {noise}": noise for noise in ("gaussian", "mixture")}
     table("Buoy tracker, 5 buoys, 1 ms", toa_run, {**nodes, **POLICIES}, TOA_STD)
     table("Localizer as it is, 120 bearings of 2 degrees", localizer_run, LOCALIZERS, BEARING_STD)
-    table("Bank of bearing EKFs, a weight in each range hypothesis", bank_run, BELIEFS, BEARING_STD)

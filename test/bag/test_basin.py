@@ -41,20 +41,20 @@ def rms(errors: Errors) -> float:
 
 
 def test_pingers_are_found_soon(tmp_path):
-    """Roughly, after a quarter of the way: echoes that wander slowly still look like a turn of the vehicle then."""
-    pingers, track, _ = estimated(tmp_path, 21, 50.0)
+    """After a quarter of the way. The NEES of a pinger is chi-square(2) / 2: 7 is exceeded once in a thousand."""
+    pingers, track, _ = estimated(tmp_path, 51, 50.0)
     assert set(pingers) == {"a", "b", "c"}
-    assert all(errors.distance[-1] < 4.0 for errors in pingers.values())
-    assert rms(track) < 1.5
+    assert all(errors.distance[-1] < 1.5 and errors.nees[-1] < 7 for errors in pingers.values())
+    assert rms(track) < 0.8
 
 
 @pytest.mark.slow
 def test_every_pinger_is_found_from_its_sound(tmp_path):
-    """NEES per dimension of 3 pingers and 2 runs: two-dimensional errors, 12 degrees of freedom, and echoes that do not
-    change with the seed; 2.5 is the 99.9 % limit of chi-square(12) / 12 and a quarter of a unit for the echoes.
+    """What all pingers of a run have in common is the yaw that the gyro's bias turned before the first was known: one
+    error, half a chi-square(1) of a run's mean NEES. 2.7 is the 99.9 % limit of three runs, 0.5 is for the rest.
     """
     nees, square, drift = [], 0.0, 0.0
-    for seed in (31, 32):
+    for seed in (52, 53, 54):
         pingers, track, reckoned = estimated(tmp_path / str(seed), seed, 200.0)
         assert set(pingers) == {"a", "b", "c"}
         for errors in pingers.values():
@@ -62,4 +62,4 @@ def test_every_pinger_is_found_from_its_sound(tmp_path):
             nees.append(errors.nees[-1])
         square, drift = square + rms(track) ** 2, drift + rms(reckoned) ** 2
     assert square < drift / 4
-    assert np.mean(nees) < 2.5
+    assert 0.2 < np.mean(nees) < 3.2

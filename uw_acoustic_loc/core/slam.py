@@ -75,6 +75,7 @@ class Slam:
         self.pingers: dict[str, Pinger] = {}
         self.dvl = Counts()
         self.imu_gaps = 0  # longer than imu_timeout
+        self.ahead = 0  # IMU readings in a row from too far in the future
         self.imu_age = 0.0  # s, how old the last IMU reading was when another sensor's came
         self._rates, self._force = np.zeros(3), np.zeros(3)
         self._raw = Pose(0.0, 0.0, 0.0, 0.0)  # dead reckoning with the biases in it
@@ -96,11 +97,12 @@ class Slam:
         """Moves the vehicle to the stamp with the reading before this one, which then holds until the next (eq. 9).
 
         Raises:
-            ValueError: a reading that no vehicle can feel, or a stamp that does not advance.
+            ValueError: a reading that no vehicle can feel, or a stamp that does not advance, or advances by too much.
         """
         _require_plausible("angular rate", rates, _FASTEST, "rad/s")
         _require_plausible("specific force", force, _HARDEST, "m/s^2")
         if self._imu_ns:
+            self._require_near(t_ns)
             self._require_order(t_ns)
             _require_later("IMU reading", t_ns, self._imu_ns)
             self._interval = (t_ns - self._imu_ns) * 1e-9
@@ -200,6 +202,14 @@ class Slam:
         if t_ns < self._t_ns:
             raise ValueError(f"stamp {t_ns} ns must not be before {self._t_ns} ns, which has been handled")
 
+    def _require_near(self, t_ns: int) -> None:
+        ahead = (t_ns - self._imu_ns) * 1e-9
+        self.ahead = self.ahead + 1 if ahead > _LONGEST_GAP else 0
+        if self.ahead:
+            raise ValueError(
+                f"IMU stamp is {ahead:.1f} s after the last one, at most {_LONGEST_GAP:g} s can be bridged"
+            )
+
     def _require_imu(self, t_ns: int) -> None:
         if not self._imu_ns:
             raise ValueError("no IMU reading yet")
@@ -222,6 +232,7 @@ def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> Non
 
 _START_SPEED = 3.0  # m/s, std per axis before the Doppler log speaks
 _LONGEST_STEP = 0.02  # s
+_LONGEST_GAP = 60.0  # s
 _LOST_RATE = 0.2  # rad/s, how well a reading describes a gap
 _LOST_ACCELERATION = 0.5  # m/s^2
 _PUSHED = 3

@@ -24,6 +24,7 @@ class BearingSlamStage:
     def __init__(self, config: SlamConfig) -> None:
         self._slam = Slam(config)
         self._told_ns: dict[str, int] = {}
+        self._restarts = 0
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -45,6 +46,7 @@ class BearingSlamStage:
     def status(self) -> Status:
         slam = self._slam
         values: dict[str, float | int | str] = {"dvl.used": slam.dvl.used, "dvl.unused": slam.dvl.unused}
+        values |= {"restarts": self._restarts, "imu.ahead": slam.ahead}
         values |= {"imu.gaps": slam.imu_gaps, "imu.age_s": slam.imu_age, "dvl.age_s": slam.dvl_age}
         values["position_std_m"] = math.sqrt(slam.joint.cov[0, 0] + slam.joint.cov[1, 1])
         values["yaw_std_rad"] = math.sqrt(slam.joint.cov[YAW, YAW])
@@ -59,6 +61,7 @@ class BearingSlamStage:
         slam = self._slam
         faults = {
             f"the IMU is silent for {slam.imu_age:.1f} s": slam.imu_age > slam.config.imu_timeout,
+            f"{slam.ahead} IMU stamps in a row are far ahead": slam.ahead > 0,
             f"no velocity for {slam.dvl_age:.1f} s": slam.dvl_age > _DVL_TIMEOUT,
             f"{slam.dvl.in_a_row} velocities in a row do not fit": slam.dvl.in_a_row > 0,
         }
@@ -82,6 +85,9 @@ class BearingSlamStage:
         self._slam.config = config
 
     def _on_imu(self, imu: Imu) -> Iterator[Emission]:
+        """Stamps that stay far ahead are a clock set forward: where the vehicle has gone since, nothing tells."""
+        if self._slam.ahead == _SET_FORWARD:
+            self._slam, self._restarts = Slam(self._slam.config), self._restarts + 1
         self._slam.on_imu(imu.t_ns, imu.angular, imu.acceleration)
         if self._due("slam/odometry", imu.t_ns, _ODOMETRY_PERIOD_NS):
             yield "slam/odometry", _odometry(imu.t_ns, self._slam)
@@ -132,5 +138,6 @@ def _twist_cov(slam: Slam) -> Array:
 
 
 _DVL_TIMEOUT = 2.0  # s
+_SET_FORWARD = 3  # IMU stamps in a row
 _ODOMETRY_PERIOD_NS = 100_000_000
 _POSITION_PERIOD_NS = 500_000_000
