@@ -4,10 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.track import Sighting, Track, Tracker, TrackRules, assign, chi_square_limit
+from uw_acoustic_loc.core.association import assign
+from uw_acoustic_loc.core.track import Sighting, Track, Tracker, TrackRules, chi_square_limit
 
 RULES = TrackRules(
-    process_noise=0.01, manoeuvre_noise=0.01, speed_std=5.0, gate=4.0, confirm_hits=3, confirm_pings=4, coast_time=30.0
+    process_noise=0.01, manoeuvre_noise=0.01, speed_std=5.0, confirm_hits=3, confirm_pings=4, coast_time=30.0
 )
 SECOND = 1_000_000_000
 PERIOD = 4
@@ -21,11 +22,33 @@ def track(x, y, vx=0.0, vy=0.0, std=30.0):
     return Track(1, np.array([x, y, vx, vy], dtype=float), np.diag([std**2, std**2, 1.0, 1.0]), 0, (True,))
 
 
+class Points:
+    """A scan of positions, each a sighting by itself."""
+
+    def __init__(self, *sightings):
+        self.left = list(sightings)
+
+    def claim(self, tracks):
+        fit = np.array([[self._fit(t, s) for s in self.left] for t in tracks]).reshape(len(tracks), len(self.left), 2)
+        pairs = assign(fit[..., 0], fit[..., 1], chi_square_limit(4.0, 2))
+        claimed = [self.left[pairs[i]] if i in pairs else None for i in range(len(tracks))]
+        self.left = [s for j, s in enumerate(self.left) if j not in pairs.values()]
+        return claimed
+
+    def rest(self):
+        return self.left
+
+    @staticmethod
+    def _fit(track, sighting):
+        innovation, S, _ = track.innovation(sighting)
+        return innovation @ np.linalg.solve(S, innovation), np.linalg.slogdet(S)[1]
+
+
 def follow(pings, rules=RULES):
     """Confirmed ids after each ping; `pings` are lists of (x, y)."""
     tracker = Tracker(rules)
     return [
-        [t.id for t in tracker.step(k * PERIOD * SECOND, [sighting(*p) for p in points])]
+        [t.id for t in tracker.step(k * PERIOD * SECOND, Points(*(sighting(*p) for p in points)))]
         for k, points in enumerate(pings)
     ]
 
@@ -61,7 +84,7 @@ def test_tracks_are_honest_from_their_first_sighting_on():
     from scipy.stats import chi2
 
     runs, pings, q = 150, 12, 0.05
-    rules = TrackRules(q, q, 5.0, 8.0, 1, 1, 1e9)
+    rules = TrackRules(q, q, 5.0, 1, 1, 1e9)
     rng = np.random.default_rng(3)
     nees = np.zeros((runs, pings))
     for run in range(runs):
@@ -73,7 +96,7 @@ def test_tracks_are_honest_from_their_first_sighting_on():
             truth = Track(1, moved.mean + noise, np.zeros((4, 4)), 0, ())
             delay, std = rng.uniform(0, 3), np.array([40.0, 15.0])
             at = truth.mean[:2] + delay * truth.mean[2:] + std * rng.standard_normal(2)
-            (found,) = tracker.step(k * PERIOD * SECOND, [Sighting(at, np.diag(std**2), delay)])
+            (found,) = tracker.step(k * PERIOD * SECOND, Points(Sighting(at, np.diag(std**2), delay)))
             error = found.mean - truth.mean
             nees[run, k] = error @ np.linalg.solve(found.cov, error)
     low, high = chi2.ppf([0.0005, 0.9995], 4 * runs) / runs
@@ -92,16 +115,20 @@ def test_position_std_is_the_longest_half_axis():
 
 
 def test_assignment_is_global_not_greedy():
-    tracks = [track(0, 0), track(100, 0)]
-    sightings = [sighting(60, 0), sighting(180, 0)]  # the nearest pair of all is 100 -> 60
-    assert assign(tracks, sightings, gate=6.0) == {0: 0, 1: 1}
+    nis = np.array([[4.0, 99.0], [1.0, 6.0]])  # the nearest pair of all is 1 -> 0
+    assert assign(nis, np.zeros((2, 2)), limit=20.0) == {0: 0, 1: 1}
 
 
-def test_nothing_beyond_the_gate_is_assigned():
-    limit = math.sqrt(chi_square_limit(3.0, 2) * (30.0**2 + 30.0**2))
-    assert assign([track(0, 0)], [sighting(0.99 * limit, 0)], gate=3.0) == {0: 0}
-    assert assign([track(0, 0)], [sighting(1.01 * limit, 0)], gate=3.0) == {}
-    assert assign([], [sighting(0, 0)], gate=3.0) == {}
+def test_nothing_beyond_the_gate_is_assigned_nor_for_its_sake():
+    assert assign(np.array([[13.1]]), np.zeros((1, 1)), limit=13.2) == {0: 0}
+    assert assign(np.array([[13.3]]), np.zeros((1, 1)), limit=13.2) == {}
+    assert assign(np.empty((0, 1)), np.empty((0, 1)), limit=13.2) == {}
+    # two bad pairs are not better than a good one
+    assert assign(np.array([[0.0, 12.0], [12.0, 99.0]]), np.zeros((2, 2)), limit=13.2) == {0: 0}
+
+
+def test_a_sharp_track_goes_before_a_vague_one_that_fits_as_well():
+    assert assign(np.array([[2.0], [2.0]]), np.array([[8.0], [3.0]]), limit=13.2) == {1: 0}
 
 
 @pytest.mark.parametrize("dof", [2, 4, 10, 30])
@@ -115,9 +142,9 @@ def test_chi_square_limit_is_the_quantile_of_as_many_sigma(dof, sigma):
 def test_confirmed_tracks_choose_before_tentative_ones():
     tracker = Tracker(RULES)
     for k in range(3):
-        tracker.step(k * PERIOD * SECOND, [sighting(0, 0)])
-    tracker.step(3 * PERIOD * SECOND, [sighting(0, 0), sighting(40, 0)])  # the second begins a tentative track
-    (confirmed,) = tracker.step(4 * PERIOD * SECOND, [sighting(30, 0)])  # nearer to the tentative one
+        tracker.step(k * PERIOD * SECOND, Points(sighting(0, 0)))
+    tracker.step(3 * PERIOD * SECOND, Points(sighting(0, 0), sighting(40, 0)))  # the second begins a tentative track
+    (confirmed,) = tracker.step(4 * PERIOD * SECOND, Points(sighting(30, 0)))  # nearer to the tentative one
     assert confirmed.seen_ns == 4 * PERIOD * SECOND
     assert tracker.tentative == 1
 
@@ -137,7 +164,7 @@ def test_a_track_that_cannot_be_confirmed_any_more_is_dropped():
     assert follow([HERE, NONE, NONE, HERE, HERE]) == [[], [], [], [], []]
     tracker = Tracker(RULES)
     for k, points in enumerate([HERE, NONE, NONE]):
-        tracker.step(k * PERIOD * SECOND, [sighting(*p) for p in points])
+        tracker.step(k * PERIOD * SECOND, Points(*(sighting(*p) for p in points)))
     assert tracker.tentative == 0
 
 
@@ -151,8 +178,8 @@ def test_a_confirmed_track_coasts_and_ends_and_its_id_is_not_used_again():
 def test_a_coasting_track_moves_on_and_grows():
     tracker = Tracker(RULES)
     for k in range(6):
-        (before,) = tracker.step(k * PERIOD * SECOND, [sighting(20.0 * k, 0)]) or [None]
-    (after,) = tracker.step(6 * PERIOD * SECOND, [])
+        (before,) = tracker.step(k * PERIOD * SECOND, Points(sighting(20.0 * k, 0))) or [None]
+    (after,) = tracker.step(6 * PERIOD * SECOND, Points())
     np.testing.assert_allclose(after.mean[:2], before.mean[:2] + PERIOD * before.mean[2:])
     assert after.position_std > before.position_std
 
@@ -165,7 +192,7 @@ def test_ids_stay_with_their_targets_when_the_targets_pass_each_other():
         points = [(x, 60.0), (-x, -60.0)]
         order = rng.permutation(2)
         seen = [sighting(*(np.array(points[i]) + rng.normal(0, 10, 2)), std=10.0) for i in order]
-        tracks = tracker.step(k * PERIOD * SECOND, seen)
+        tracks = tracker.step(k * PERIOD * SECOND, Points(*seen))
     assert len(tracks) == 2
     by_id = {t.id: t.mean for t in tracks}
     assert set(by_id) == {1, 2}
@@ -190,7 +217,7 @@ def test_a_turning_target_is_noticed_and_followed():
         for course, seen in turning(np.random.default_rng(6)):
             tracker = Tracker(tracker_rules)
             for k, point in enumerate(seen):
-                tracks = tracker.step(k * PERIOD * SECOND, [sighting(*point)])
+                tracks = tracker.step(k * PERIOD * SECOND, Points(sighting(*point)))
                 noticed["before"] += k < 15 and any(t.manoeuvres for t in tracks)
                 noticed["after"] += k >= 25 and any(t.manoeuvres for t in tracks)
                 if k >= 20:
@@ -203,6 +230,6 @@ def test_a_turning_target_is_noticed_and_followed():
 
 def test_a_ping_that_is_not_later_is_refused():
     tracker = Tracker(RULES)
-    tracker.step(5, [])
+    tracker.step(5, Points())
     with pytest.raises(ValueError, match="t_ns must be after the ping before, 5, got 5"):
-        tracker.step(5, [])
+        tracker.step(5, Points())

@@ -112,6 +112,18 @@ def test_tracks_outlive_a_receiver_that_dies_and_one_that_is_added():
     np.testing.assert_allclose(better.position[:2], [2600, 1400], atol=5)
 
 
+def test_a_track_lives_on_the_detections_of_one_receiver():
+    _, handle = started()
+    for k in range(1, 5):
+        list(handle(ping(k * 10**9)))
+    one = {"receiver": [2], "range": [6645.1], "range_std": [40.0], "bearing": [-0.0919], "bearing_std": [0.02]}
+    for k in range(5, 100):
+        ((topic, tracks),) = handle(ping(k * 10**9, **one, snr=[15.0]))  # no fix: two receivers make one
+        assert topic == "sonar/tracks"
+    assert tracks.id.tolist() == [1]
+    assert np.hypot(tracks.x[0] - 2600, tracks.y[0] - 1400) < tracks.position_std[0]
+
+
 def test_changeable_parameters_change():
     config = MultistaticConfig()
     stage, handle = started(config)

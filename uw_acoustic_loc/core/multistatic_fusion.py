@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..config import param
-from .association import Grouping
-from .multistatic import METHODS, Net, Noise, check_method, gaussian_likelihood, locate
+from .association import Claims, Grouping
+from .multistatic import METHODS, Net, Noise, check_method, locate
 from .multistatic_model import Likelihood
-from .track import TrackRules, chi_square_limit
+from .track import Sighting, Track, TrackRules, chi_square_limit
 from .types import AnyArray, Array
 
 
@@ -62,7 +62,6 @@ class MultistaticConfig:
             self.process_noise,
             self.manoeuvre_noise,
             self.speed_std,
-            self.gate,
             self.confirm_hits,
             self.confirm_pings,
             self.coast_time,
@@ -111,15 +110,15 @@ class Fusion:
     def __init__(self, net: Net, config: MultistaticConfig) -> None:
         check_method(net, config.method)
         self.net, self.config = net, config
+        self.needed = min(config.min_receivers, len(net.receivers))
 
     def fixes(self, echoes: Echoes) -> Iterator[Fix]:
         """All fixes of a ping, the strongest first."""
-        needed = min(self.config.min_receivers, len(self.net.receivers))
-        if len(echoes.receiver) < needed:
+        if len(echoes.receiver) < self.needed:
             return
-        grouping = Grouping(self._single(echoes), echoes.receiver, self.config.gate)
+        grouping = Grouping(self.single(echoes), echoes.receiver, self.config.gate)
         free, refused = set(range(len(echoes.receiver))), set[tuple[int, ...]]()
-        while groups := {g for g in grouping.groups(free) - refused if len(g) >= needed}:
+        while groups := {g for g in grouping.groups(free) - refused if len(g) >= self.needed}:
             best = max(groups, key=lambda group: (len(group), _strength(echoes, group), group))
             fix = self._fit(echoes, best)
             if fix is None:
@@ -142,14 +141,42 @@ class Fusion:
             return None
         return Fix(found.positions, found.cov, rows) if found.converged else None
 
-    def _single(self, echoes: Echoes) -> Likelihood:
+    def single(self, echoes: Echoes) -> Likelihood:
         """Every detection as a receiver of its own, the ranges' bias removed; (D, 1)."""
-        net = Net(self.net.transmitter, self.net.receivers[echoes.receiver])
-        noise = self._noise(echoes)
-        return gaussian_likelihood(net, (echoes.range - noise.bias)[:, None], echoes.bearing[:, None], noise)
+        ranges = echoes.range - self._noise(echoes).bias
+        weights = echoes.range_std[:, None] ** -2.0, echoes.bearing_std[:, None] ** -2.0
+        receivers = self.net.receivers[echoes.receiver]
+        return Likelihood(self.net.transmitter, receivers, ranges[:, None], echoes.bearing[:, None], *weights)
 
     def _noise(self, echoes: Echoes) -> Noise:
         return Noise(echoes.range_std, echoes.bearing_std, self.config.range_noise == "rayleigh")
+
+
+class Ping:
+    """The scan of one ping: a confirmed track lives on any detection, a new one needs `min_receivers` at once."""
+
+    def __init__(self, fusion: Fusion, echoes: Echoes) -> None:
+        self._fusion, self._echoes = fusion, echoes
+        self._free = set(range(len(echoes.receiver)))
+        config = fusion.config
+        self._claims = Claims(fusion.single(echoes), echoes.receiver, config.gate, config.sound_speed)
+
+    def claim(self, tracks: Sequence[Track]) -> list[Sighting | None]:
+        """See `Scan`."""
+        claimed = self._claims.rows(tracks, self._free)
+        return [self._take(track, rows) for track, rows in zip(tracks, claimed, strict=True)]
+
+    def rest(self) -> Iterator[Sighting]:
+        """See `Scan`."""
+        for fix in self._fusion.fixes(self._echoes.take(sorted(self._free))):
+            outward = float(np.hypot(*(fix.position - self._fusion.net.transmitter)))
+            yield Sighting(fix.position, fix.cov, outward / self._fusion.config.sound_speed)
+
+    def _take(self, track: Track, rows: list[int]) -> Sighting | None:
+        if len(rows) < (1 if track.id else self._fusion.needed):
+            return None
+        self._free -= set(rows)
+        return self._claims.sighting(track, rows)
 
 
 def _strength(echoes: Echoes, rows: tuple[int, ...]) -> float:

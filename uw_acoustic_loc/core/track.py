@@ -1,10 +1,11 @@
-"""Multi-target tracking over pings: constant velocity, global nearest neighbour, M of N initiation, coasting."""
+"""Multi-target tracking over pings: constant velocity, manoeuvres, M of N initiation, coasting."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from .types import AnyArray, Array
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A fix of one ping. It shows the target `delay` s after the ping's stamp, when the ping reached the target."""
+    """A position from one ping. It shows the target `delay` s after the stamp, when the ping reached the target."""
 
     position: Array  # (2,) m
     cov: Array  # (2, 2) m^2
@@ -27,7 +28,6 @@ class TrackRules:
     process_noise: float  # m^2/s^3, spectral density of the white acceleration, per axis
     manoeuvre_noise: float  # m^2/s^3, the same while the target manoeuvres
     speed_std: float  # m/s, of a new track, per axis
-    gate: float  # sigma, see `chi_square_limit`
     confirm_hits: int  # M
     confirm_pings: int  # N
     coast_time: float  # s without a sighting until a confirmed track ends
@@ -50,10 +50,15 @@ class Track:
         F, Q = _constant_velocity(duration, process_noise)
         return replace(self, mean=F @ self.mean, cov=F @ self.cov @ F.T + Q)
 
+    def ahead(self, delay: float) -> tuple[Array, Array, Array]:
+        """Position (2,) and covariance (2, 2) as they will be `delay` s later, and H (2, 4), which looks ahead."""
+        H = np.hstack([np.eye(2), delay * np.eye(2)])
+        return H @ self.mean, H @ self.cov @ H.T, H
+
     def innovation(self, sighting: Sighting) -> tuple[Array, Array, Array]:
-        """Innovation (2,), its covariance S (2, 2), and H (2, 4), which looks ahead by the sighting's delay."""
-        H = np.hstack([np.eye(2), sighting.delay * np.eye(2)])
-        return sighting.position - H @ self.mean, H @ self.cov @ H.T + sighting.cov, H
+        """Innovation (2,), its covariance S (2, 2), and H (2, 4)."""
+        position, cov, H = self.ahead(sighting.delay)
+        return sighting.position - position, cov + sighting.cov, H
 
     def update(self, sighting: Sighting) -> Track:
         """Kalman update in Joseph's form."""
@@ -76,8 +81,18 @@ _FADING = 0.75  # four sightings' worth
 _SURPRISED = 9.0  # three of its standard deviations, 2 / sqrt(1 - _FADING^2)
 
 
+class Scan(Protocol):
+    """What one ping shows."""
+
+    def claim(self, tracks: Sequence[Track]) -> Sequence[Sighting | None]:
+        """What tracks that are predicted to the ping see of their targets, which is then gone for others."""
+
+    def rest(self) -> Iterable[Sighting]:
+        """What no track has claimed."""
+
+
 class Tracker:
-    """`step` takes the sightings of one ping and returns the confirmed tracks at the ping's stamp.
+    """`step` takes what one ping shows and returns the confirmed tracks at the ping's stamp.
 
     A target that manoeuvres is predicted with more process noise (adjustable level: Bar-Shalom et al. 2001, ch. 11).
     Confirmed tracks choose before tentative ones. A tentative track is dropped as soon as it can no longer collect M
@@ -91,8 +106,8 @@ class Tracker:
         self._t_ns: int | None = None
         self._confirmed = 0
 
-    def step(self, t_ns: int, sightings: Sequence[Sighting]) -> list[Track]:
-        """Predicts to `t_ns`, associates, updates, begins and ends tracks.
+    def step(self, t_ns: int, scan: Scan) -> list[Track]:
+        """Predicts to `t_ns`, updates, begins and ends tracks.
 
         Raises:
             ValueError: `t_ns` is not after the ping before.
@@ -101,9 +116,9 @@ class Tracker:
             raise ValueError(f"t_ns must be after the ping before, {self._t_ns}, got {t_ns}")
         duration = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
         self._t_ns, self.nis = t_ns, ()
-        tracks = [track.predict(duration, self._noise(track)) for track in self._tracks]
-        tracks, left = self._associate(tracks, list(sightings), t_ns)
-        tracks += [self._begin(sighting, t_ns) for sighting in left]
+        predicted = [track.predict(duration, self._noise(track)) for track in self._tracks]
+        tracks = [track for confirmed in (True, False) for track in self._update(predicted, confirmed, scan, t_ns)]
+        tracks += [self._begin(sighting, t_ns) for sighting in scan.rest()]
         self._tracks = [self._confirm(track) for track in tracks if self._alive(track, t_ns)]
         return self.confirmed
 
@@ -121,19 +136,12 @@ class Tracker:
         steady, moving = self.rules.process_noise, self.rules.manoeuvre_noise
         return max(steady, moving) if track.manoeuvres else steady
 
-    def _associate(
-        self, tracks: list[Track], sightings: list[Sighting], t_ns: int
-    ) -> tuple[list[Track], list[Sighting]]:
-        done: list[Track] = []
-        for confirmed in (True, False):
-            group = [track for track in tracks if (track.id > 0) is confirmed]
-            pairs = assign(group, sightings, self.rules.gate)
-            if confirmed:
-                self.nis = tuple(_nis(*group[i].innovation(sightings[j])[:2]) for i, j in pairs.items())
-            for i, track in enumerate(group):
-                done.append(self._carry_on(track, sightings[pairs[i]] if i in pairs else None, t_ns))
-            sightings = [s for j, s in enumerate(sightings) if j not in pairs.values()]
-        return done, sightings
+    def _update(self, tracks: list[Track], confirmed: bool, scan: Scan, t_ns: int) -> list[Track]:
+        group = [track for track in tracks if (track.id > 0) is confirmed]
+        pairs = list(zip(group, scan.claim(group), strict=True))
+        if confirmed:
+            self.nis = tuple(_nis(*track.innovation(seen)[:2]) for track, seen in pairs if seen)
+        return [self._carry_on(track, seen, t_ns) for track, seen in pairs]
 
     def _carry_on(self, track: Track, sighting: Sighting | None, t_ns: int) -> Track:
         history = (*track.history, sighting is not None)[-self.rules.confirm_pings :]
@@ -161,29 +169,6 @@ class Tracker:
 
 
 _IDS = 65535  # ids are uint16, 0 is "not confirmed"
-
-
-def assign(tracks: Sequence[Track], sightings: Sequence[Sighting], gate: float) -> dict[int, int]:
-    """Global nearest neighbour: index of each assigned track -> index of its sighting.
-
-    As many pairs inside the gate as possible, then the least sum of -2 log likelihood.
-    """
-    if not tracks or not sightings:
-        return {}
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  scipy.optimize is slow to import
-
-    cost = np.full((len(tracks), len(sightings)), _OUTSIDE)
-    for i, track in enumerate(tracks):
-        for j, sighting in enumerate(sightings):
-            innovation, S, _ = track.innovation(sighting)
-            nis = _nis(innovation, S)
-            if nis <= chi_square_limit(gate, 2):
-                cost[i, j] = nis + np.linalg.slogdet(S)[1]
-    rows, columns = linear_sum_assignment(cost)
-    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _OUTSIDE}
-
-
-_OUTSIDE = 1e9
 
 
 def chi_square_limit(sigma: float, dof: AnyArray | int) -> float:

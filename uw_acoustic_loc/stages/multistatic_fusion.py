@@ -10,8 +10,8 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Status
 from ..core.multistatic import Net
-from ..core.multistatic_fusion import Echoes, Fix, Fusion, MultistaticConfig
-from ..core.track import Sighting, Track, Tracker
+from ..core.multistatic_fusion import Echoes, Fix, Fusion, MultistaticConfig, Ping
+from ..core.track import Track, Tracker
 from ..core.types import AnyArray, Array, Detections, NodePositions, Position, Tracks
 
 
@@ -79,11 +79,11 @@ class MultistaticFusionStage:
         if self._fusion is None:
             raise ValueError("detections came before sonar/positions")
         echoes, rejected = usable(detections, self._ids)
-        fixes = list(self._fusion.fixes(echoes))
-        tracks = self._tracker.step(detections.t_ns, [self._sighting(fix, self._fusion.net) for fix in fixes])
-        self._count(len(echoes.range), len(fixes), rejected)
-        if fixes:
-            yield "sonar/fix", self._position(detections.t_ns, fixes[0])
+        fix = next(self._fusion.fixes(echoes), None)
+        tracks = self._tracker.step(detections.t_ns, Ping(self._fusion, echoes))
+        self._count(len(echoes.range), fix is not None, rejected)
+        if fix:
+            yield "sonar/fix", self._position(detections.t_ns, fix)
         yield "sonar/tracks", as_tracks(detections.t_ns, tracks, self._z)
 
     def _count(self, used: int, fixes: int, rejected: Counter[str]) -> None:
@@ -92,10 +92,6 @@ class MultistaticFusionStage:
         self._rejected.update(rejected)
         self._last_rejected = rejected
         self._nis_sum += sum(nis)
-
-    def _sighting(self, fix: Fix, net: Net) -> Sighting:
-        outward = float(np.hypot(*(fix.position - net.transmitter)))
-        return Sighting(fix.position, fix.cov, outward / self._config.sound_speed)
 
     def _position(self, t_ns: int, fix: Fix) -> Position:
         cov = np.zeros((3, 3))
