@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -125,7 +127,7 @@ def test_no_echo_no_fix():
 
 
 def track(x, y, std=30.0, number=1):
-    return Track(number, np.array([x, y, 0.0, 0.0]), np.diag([std**2, std**2, 1.0, 1.0]), 0, (True,))
+    return replace(Track.start(np.array([x, y, 0.0, 0.0]), np.diag([std**2, std**2, 1.0, 1.0]), 0), id=number)
 
 
 def test_a_vague_tracks_sighting_is_the_fix_of_its_detections():

@@ -92,7 +92,7 @@ class Claims:
         """(T, D) normalised squared innovations, and the logarithms of their covariances' determinants."""
         nis, spread = np.empty((2, len(tracks), len(self._receiver)))
         for i, track in enumerate(tracks):
-            position, cov, _ = track.ahead(self._delay(track))
+            position, cov = track.ahead(self._delay(track))
             residuals, G = residuals_at(self._single, position)
             S = G @ cov @ G.transpose(0, 2, 1) + self._R
             nis[i] = (residuals * np.linalg.solve(S, residuals[..., None])[..., 0]).sum(axis=1)

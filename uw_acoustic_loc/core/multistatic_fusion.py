@@ -32,10 +32,14 @@ class MultistaticConfig:
     gate: float = param(4.0, unit="sigma", low=1, high=10, changeable=True, doc="what belongs together")
     min_receivers: int = param(2, low=1, doc="that must agree on a fix; at most all that there are")
     process_noise: float = param(
-        0.01, unit="m^2/s^3", low=0, changeable=True, doc="spectral density of a target's acceleration, per axis"
+        0.002,
+        unit="m^2/s^3",
+        low=0,
+        changeable=True,
+        doc="spectral density of a steady target's acceleration",
     )
     manoeuvre_noise: float = param(
-        0.5, unit="m^2/s^3", low=0, changeable=True, doc="the same while sightings show that a target manoeuvres"
+        0.5, unit="m^2/s^3", low=0, changeable=True, doc="the same while a target manoeuvres"
     )
     speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
     confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many fixes ...")

@@ -1,4 +1,4 @@
-"""Multi-target tracking over pings: constant velocity, manoeuvres, M of N initiation, coasting."""
+"""Multi-target tracking over pings: steady or manoeuvring targets, M of N initiation, coasting."""
 
 from __future__ import annotations
 
@@ -35,41 +35,74 @@ class TrackRules:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Gaussian state x, y, vx, vy at the last ping; `id` is 0 until the track is confirmed."""
+    """State x, y, vx, vy at the last ping, a Gaussian for each mode: the target is steady (0) or manoeuvres (1).
+
+    Interacting multiple models (Blom & Bar-Shalom 1988; Bar-Shalom et al. 2001, ch. 11). `id` is 0 until the track is
+    confirmed.
+    """
 
     id: int
-    mean: Array  # (4,)
-    cov: Array  # (4, 4)
+    means: Array  # (2, 4)
+    covs: Array  # (2, 4, 4)
+    shares: Array  # (2,) probabilities of the modes
     seen_ns: int  # the last ping with a sighting
     history: tuple[bool, ...]  # sighted or not, at most the last N pings
-    surprise: float = 0.0  # fading sum of NIS - 2; honest predictions keep it around 0
-    manoeuvres: bool = False  # from when sightings lay further from the predictions than chance, until surprise is over
 
-    def predict(self, duration: float, process_noise: float) -> Track:
-        """x' = F x, P' = F P F^T + Q; Q of white acceleration (Bar-Shalom et al. 2001, eq. 6.2.2-12)."""
-        F, Q = _constant_velocity(duration, process_noise)
-        return replace(self, mean=F @ self.mean, cov=F @ self.cov @ F.T + Q)
+    @classmethod
+    def start(cls, mean: Array, cov: Array, t_ns: int) -> Track:
+        """A tentative track, sighted once, whose target manoeuvres as often as any."""
+        return cls(0, np.array([mean, mean]), np.array([cov, cov]), _LASTING / _LASTING.sum(), t_ns, (True,))
 
-    def ahead(self, delay: float) -> tuple[Array, Array, Array]:
-        """Position (2,) and covariance (2, 2) as they will be `delay` s later, and H (2, 4), which looks ahead."""
-        H = np.hstack([np.eye(2), delay * np.eye(2)])
-        return H @ self.mean, H @ self.cov @ H.T, H
+    @property
+    def mean(self) -> Array:
+        """(4,) over both modes."""
+        mean: Array = self.shares @ self.means
+        return mean
 
-    def innovation(self, sighting: Sighting) -> tuple[Array, Array, Array]:
-        """Innovation (2,), its covariance S (2, 2), and H (2, 4)."""
-        position, cov, H = self.ahead(sighting.delay)
-        return sighting.position - position, cov + sighting.cov, H
+    @property
+    def cov(self) -> Array:
+        """(4, 4) over both modes."""
+        apart = self.means - self.mean
+        return _mixed(self.shares, self.covs + _outer(apart))
+
+    def predict(self, duration: float, noises: tuple[float, float]) -> Track:
+        """Modes mix, then x' = F x, P' = F P F^T + Q, with the `noises` of steady and manoeuvring targets."""
+        stay, leave = np.exp(-duration / _LASTING), -np.expm1(-duration / _LASTING)
+        switch = np.array([[stay[0], leave[0]], [leave[1], stay[1]]])
+        shares = self.shares @ switch
+        origins = self.shares * switch.T / shares[:, None]  # (now, before)
+        means = origins @ self.means
+        F = _constant_velocity(duration)
+        covs = [
+            F @ _mixed(origin, self.covs + _outer(self.means - mean)) @ F.T + _white_acceleration(duration, noise)
+            for origin, mean, noise in zip(origins, means, noises, strict=True)
+        ]
+        return replace(self, means=means @ F.T, covs=np.array(covs), shares=shares)
+
+    def ahead(self, delay: float) -> tuple[Array, Array]:
+        """Position (2,) and its covariance (2, 2), as they will be `delay` s later."""
+        H = _look_ahead(delay)
+        return H @ self.mean, H @ self.cov @ H.T
+
+    def nis(self, sighting: Sighting) -> float:
+        """Normalised innovation squared, 2 on average."""
+        position, cov = self.ahead(sighting.delay)
+        innovation = sighting.position - position
+        return float(innovation @ np.linalg.solve(cov + sighting.cov, innovation))
 
     def update(self, sighting: Sighting) -> Track:
-        """Kalman update in Joseph's form."""
-        innovation, S, H = self.innovation(sighting)
-        K = np.linalg.solve(S, H @ self.cov).T
+        """Kalman update of each mode in Joseph's form; modes that foretold the sighting gain."""
+        H = _look_ahead(sighting.delay)
+        innovations = sighting.position - self.means @ H.T
+        S = H @ self.covs @ H.T + sighting.cov
+        K = np.linalg.solve(S, H @ self.covs).transpose(0, 2, 1)
         left = np.eye(4) - K @ H
-        cov = left @ self.cov @ left.T + K @ sighting.cov @ K.T
-        surprise = _FADING * self.surprise + _nis(innovation, S) - 2.0
-        manoeuvres = surprise > (0.0 if self.manoeuvres else _SURPRISED)
-        mean, cov = self.mean + K @ innovation, (cov + cov.T) / 2
-        return replace(self, mean=mean, cov=cov, surprise=surprise, manoeuvres=manoeuvres)
+        covs = left @ self.covs @ left.transpose(0, 2, 1) + K @ sighting.cov @ K.transpose(0, 2, 1)
+        means = self.means + (K @ innovations[..., None])[..., 0]
+        nis = (innovations * np.linalg.solve(S, innovations[..., None])[..., 0]).sum(axis=1)
+        logs = np.log(self.shares) - 0.5 * (nis + np.linalg.slogdet(S)[1])
+        shares = np.exp(logs - logs.max()) + _TINY
+        return replace(self, means=means, covs=(covs + covs.transpose(0, 2, 1)) / 2, shares=shares / shares.sum())
 
     @property
     def position_std(self) -> float:
@@ -77,8 +110,8 @@ class Track:
         return math.sqrt(float(np.linalg.eigvalsh(self.cov[:2, :2])[-1]))
 
 
-_FADING = 0.75  # four sightings' worth
-_SURPRISED = 9.0  # three of its standard deviations, 2 / sqrt(1 - _FADING^2)
+_LASTING = np.array([300.0, 60.0])  # s that a target is steady, and that a manoeuvre lasts, on average
+_TINY = 1e-12  # no mode is impossible
 
 
 class Scan(Protocol):
@@ -94,7 +127,6 @@ class Scan(Protocol):
 class Tracker:
     """`step` takes what one ping shows and returns the confirmed tracks at the ping's stamp.
 
-    A target that manoeuvres is predicted with more process noise (adjustable level: Bar-Shalom et al. 2001, ch. 11).
     Confirmed tracks choose before tentative ones. A tentative track is dropped as soon as it can no longer collect M
     sightings in its first N pings.
     """
@@ -116,7 +148,8 @@ class Tracker:
             raise ValueError(f"t_ns must be after the ping before, {self._t_ns}, got {t_ns}")
         duration = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
         self._t_ns, self.nis = t_ns, ()
-        predicted = [track.predict(duration, self._noise(track)) for track in self._tracks]
+        noises = self.rules.process_noise, self.rules.manoeuvre_noise
+        predicted = [track.predict(duration, noises) for track in self._tracks]
         tracks = [track for confirmed in (True, False) for track in self._update(predicted, confirmed, scan, t_ns)]
         tracks += [self._begin(sighting, t_ns) for sighting in scan.rest()]
         self._tracks = [self._confirm(track) for track in tracks if self._alive(track, t_ns)]
@@ -132,15 +165,11 @@ class Tracker:
         """How many tracks wait for confirmation."""
         return sum(track.id == 0 for track in self._tracks)
 
-    def _noise(self, track: Track) -> float:
-        steady, moving = self.rules.process_noise, self.rules.manoeuvre_noise
-        return max(steady, moving) if track.manoeuvres else steady
-
     def _update(self, tracks: list[Track], confirmed: bool, scan: Scan, t_ns: int) -> list[Track]:
         group = [track for track in tracks if (track.id > 0) is confirmed]
         pairs = list(zip(group, scan.claim(group), strict=True))
         if confirmed:
-            self.nis = tuple(_nis(*track.innovation(seen)[:2]) for track, seen in pairs if seen)
+            self.nis = tuple(track.nis(seen) for track, seen in pairs if seen)
         return [self._carry_on(track, seen, t_ns) for track, seen in pairs]
 
     def _carry_on(self, track: Track, sighting: Sighting | None, t_ns: int) -> Track:
@@ -154,7 +183,7 @@ class Tracker:
         cov[2:, 2:] = self.rules.speed_std**2 * np.eye(2)
         cov[:2, :2] = sighting.cov + sighting.delay**2 * cov[2:, 2:]
         cov[:2, 2:] = cov[2:, :2] = -sighting.delay * cov[2:, 2:]
-        return Track(0, np.array([*sighting.position, 0.0, 0.0]), cov, t_ns, (True,))
+        return Track.start(np.array([*sighting.position, 0.0, 0.0]), cov, t_ns)
 
     def _alive(self, track: Track, t_ns: int) -> bool:
         if track.id:
@@ -180,12 +209,26 @@ def chi_square_limit(sigma: float, dof: AnyArray | int) -> float:
     return float(dof * (1 - spread + sigma * math.sqrt(spread)) ** 3)
 
 
-def _nis(innovation: Array, S: Array) -> float:
-    return float(innovation @ np.linalg.solve(S, innovation))
+def _mixed(shares: Array, of: Array) -> Array:
+    """Sum over the modes."""
+    mixed: Array = np.tensordot(shares, of, axes=1)
+    return mixed
 
 
-def _constant_velocity(duration: float, process_noise: float) -> tuple[Array, Array]:
+def _outer(apart: Array) -> Array:
+    """(2, 4, 4) of (2, 4)."""
+    return apart[:, :, None] * apart[:, None, :]
+
+
+def _look_ahead(delay: float) -> Array:
+    return np.hstack([np.eye(2), delay * np.eye(2)])
+
+
+def _constant_velocity(duration: float) -> Array:
+    return np.kron(np.array([[1.0, duration], [0.0, 1.0]]), np.eye(2))
+
+
+def _white_acceleration(duration: float, density: float) -> Array:
+    """Bar-Shalom et al. 2001, eq. 6.2.2-12."""
     T = duration
-    F = np.kron(np.array([[1.0, T], [0.0, 1.0]]), np.eye(2)).astype(float)
-    Q = process_noise * np.kron(np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]]), np.eye(2)).astype(float)
-    return F, Q
+    return density * np.kron(np.array([[T**3 / 3, T**2 / 2], [T**2 / 2, T]]), np.eye(2))
