@@ -8,8 +8,9 @@ import pytest
 from uw_acoustic_loc.core.multistatic import Noise
 from uw_acoustic_loc.core.types import NodePositions
 from uw_acoustic_loc.sim.environment import SoundSpeed
-from uw_acoustic_loc.sim.scenario import Impulses, Node, Scenario, Sonar, Target, load_scenario
-from uw_acoustic_loc.sim.sonar import SonarSource, met_by_ping
+from uw_acoustic_loc.sim.scenario import Impulses, Node, Scenario, Sonar, Target, Turn, load_scenario
+from uw_acoustic_loc.sim.sonar import SonarSource
+from uw_acoustic_loc.sim.targets import met_by_ping, states
 
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
 
@@ -53,7 +54,7 @@ def test_the_same_scenario_gives_the_same_events_and_another_seed_others():
 def test_a_ping_meets_a_moving_target_where_both_are_at_once():
     start, velocity, speed = np.array([[2600.0, 1400.0, -30.0]]), np.array([[-25.0, 8.0, 0.0]]), 1480.0
     transmitter = np.array([100.0, 50.0, -10.0])
-    met = met_by_ping(transmitter, start, velocity, speed)
+    met = met_by_ping(transmitter, 1, lambda delays: start + velocity * delays, speed)
     delay = np.linalg.norm(met - transmitter) / speed
     np.testing.assert_allclose(met, start + velocity * delay, atol=1e-9)
 
@@ -67,7 +68,7 @@ def test_noise_free_detections_are_exact_and_arrive_with_the_last_echo():
         speed = float(SoundSpeed(story).at(time))
         velocity = np.array([[target.vx, target.vy, 0.0]])
         start = np.array([[target.x, target.y, target.z]]) + velocity * time
-        (met,) = met_by_ping(np.array([0.0, 0.0, -10.0]), start, velocity, speed)
+        (met,) = met_by_ping(np.array([0.0, 0.0, -10.0]), 1, lambda t: start + velocity * t, speed)  # noqa: B023
         for receiver, distance, bearing in zip(heard.receiver, heard.range, heard.bearing, strict=True):
             leg = met - receivers[int(receiver)]
             assert distance == pytest.approx(math.dist(met, (0, 0, -10)) + np.linalg.norm(leg), abs=1e-4)
@@ -156,7 +157,29 @@ def test_truth_is_where_the_targets_are_at_the_ping():
         np.testing.assert_allclose(row, [1, 2600 - 5 * time, 1400 + time, -10, -5, 1, 0])
 
 
+def test_a_target_turns_when_it_is_told_to():
+    rate = math.pi / 120  # half a circle in 120 s
+    turning = Target(1, 100.0, 200.0, -10.0, 5.0, 0.0, (Turn(40.0, rate), Turn(160.0, 0.0)))
+    radius = 5.0 / rate
+    positions, velocities = states([turning] * 4, np.array([40.0, 100.0, 160.0, 200.0]))
+    there = [(300, 200), (300 + radius, 200 + radius), (300, 200 + 2 * radius), (100, 200 + 2 * radius)]
+    np.testing.assert_allclose(positions, [(*place, -10) for place in there], atol=1e-9)
+    np.testing.assert_allclose(velocities, [(5, 0, 0), (0, 5, 0), (-5, 0, 0), (-5, 0, 0)], atol=1e-12)
+    truth = dict(events(scenario(targets=(turning,)), "/truth/sonar/targets"))
+    at = truth[HARBOUR.start_ns + 100_000_000_000]
+    np.testing.assert_allclose([at.x[0], at.y[0], at.vx[0], at.vy[0]], [*there[1], 0, 5], atol=1e-9)
+
+
+def test_velocities_are_the_derivative_of_positions():
+    target, h = Target(1, 0.0, 0.0, 0.0, 3.0, -4.0, (Turn(10.0, 0.02), Turn(50.0, -0.01))), 1e-4
+    for time in (5.0, 30.0, 70.0):
+        (before, after), (velocity, _) = states([target] * 2, np.array([time, time + h]))
+        np.testing.assert_allclose((after - before) / h, velocity, atol=1e-5)
+
+
 def test_error_sentences():
+    with pytest.raises(ValueError, match=r"turns of target 7 must be in order of time, got \[9.0, 3.0\]"):
+        SonarSource(scenario(targets=(Target(7, 0.0, 0.0, turns=(Turn(9.0, 0.0), Turn(3.0, 0.0))),)))
     with pytest.raises(ValueError, match="scenario has no sonar"):
         SonarSource(Scenario())
     with pytest.raises(ValueError, match="max_range must exceed the distance of receiver 1, 2000 m, got 1500 m"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.types import AnyArray, Array, NodePositions, Position, Tracks
-from ..sim.sonar import met_by_ping
+from ..sim.targets import met_by_ping
 from .errors import Errors
 from .recording import Recording, Series
 
@@ -69,7 +69,7 @@ def _where_met(targets: Tracks, transmitter: Array | None) -> Array:
     if transmitter is None:
         return positions
     velocities = np.stack([targets.vx, targets.vy, targets.vz], axis=1)
-    return met_by_ping(transmitter, positions, velocities, SOUND_SPEED)
+    return met_by_ping(transmitter, len(positions), lambda t: positions + velocities * t[:, None], SOUND_SPEED)
 
 
 def _transmitter(nodes: Series | None) -> Array | None:

@@ -143,8 +143,16 @@ class Buoys:
 
 
 @dataclass(frozen=True)
+class Turn:
+    """From when a target turns, and how fast."""
+
+    time: float = param(unit="s", low=0, doc="after the start")
+    rate: float = param(unit="rad/s", low=-1, high=1, doc="counter-clockwise; 0 = straight on")
+
+
+@dataclass(frozen=True)
 class Target:
-    """A target of the sonar net, at constant velocity."""
+    """A target of the sonar net, at constant speed."""
 
     id: int = param(low=0, high=65535)
     x: float = param(unit="m")
@@ -152,6 +160,7 @@ class Target:
     z: float = param(0.0, unit="m", high=0)
     vx: float = param(0.0, unit="m/s")
     vy: float = param(0.0, unit="m/s")
+    turns: tuple[Turn, ...] = param((), doc="in order of time")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from ..core.multistatic import Noise
 from ..core.types import Array, Detections, NodePositions, Tracks
 from .environment import SoundSpeed
 from .scenario import Node, Scenario, Sonar
+from .targets import met_by_ping, states
 
 
 class SonarSource:
@@ -24,7 +25,7 @@ class SonarSource:
     exact, in 3-D, but for the scenario's noise: what an error of the sound speed does to them counts as noise.
 
     Raises:
-        ValueError: the scenario has no sonar, or a receiver is beyond max_range.
+        ValueError: the scenario has no sonar, a receiver is beyond max_range, or turns are out of order.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -65,9 +66,9 @@ class SonarSource:
         zeros = np.zeros(len(ids))
         for time in self._times:
             t_ns = self._scenario.t_ns(time)
-            start, velocities = self._targets()
-            x, y, z = (start + velocities * time).T
-            tracks = Tracks(t_ns, ids, x, y, z, velocities[:, 0], velocities[:, 1], zeros, zeros)
+            positions, velocities = states(self._sonar.targets, np.full(len(ids), time))
+            (x, y, z), (vx, vy, vz) = positions.T, velocities.T
+            tracks = Tracks(t_ns, ids, x, y, z, vx, vy, vz, zeros)
             yield t_ns, "/truth/sonar/targets", tracks
 
     def _pings(self) -> Iterator[Event]:
@@ -96,8 +97,9 @@ class SonarSource:
     def _echoes(self, time: float, speed: float, rng: np.random.Generator) -> Array:
         """(D, 3) receiver's row, range and bearing of the targets that are not missed."""
         sonar, count = self._sonar, len(self._receivers)
-        start, velocities = self._targets()
-        targets = met_by_ping(self._transmitter, start + velocities * time, velocities, speed)
+        targets = met_by_ping(
+            self._transmitter, len(sonar.targets), lambda delays: states(sonar.targets, time + delays)[0], speed
+        )
         noise = Noise(
             np.full(count, sonar.range_std), np.full(count, sonar.bearing_std), sonar.range_noise == "rayleigh"
         )
@@ -130,26 +132,9 @@ class SonarSource:
         heard: Array = rows[(rows[:, 1] > masked_to) | (self._sonar.blanking == 0)]
         return heard
 
-    def _targets(self) -> tuple[Array, Array]:
-        """(T, 3) positions at the start, and velocities."""
-        targets = self._sonar.targets
-        start = np.array([[t.x, t.y, t.z] for t in targets]).reshape(-1, 3)
-        return start, np.array([[t.vx, t.vy, 0.0] for t in targets]).reshape(-1, 3)
-
 
 _KEY = 0x50A4
 _SNR_DB = 15.0  # of every detection: it does not tell echoes from false alarms
-
-
-def met_by_ping(transmitter: Array, positions: Array, velocities: Array, speed: float) -> Array:
-    """(T, 3) where a ping, sent while the targets are at `positions`, meets them: |p + v t - transmitter| = c t.
-
-    Each round of the fixed point shrinks the error by |v| / c.
-    """
-    delay = np.zeros(len(positions))
-    for _ in range(8):
-        delay = np.linalg.norm(positions + velocities * delay[:, None] - transmitter, axis=1) / speed
-    return positions + velocities * delay[:, None]
 
 
 def _in_ellipse(baseline: Array, longest: float, count: int, rng: np.random.Generator) -> Array:
@@ -169,6 +154,10 @@ def _position(node: Node) -> Array:
 
 
 def _check(sonar: Sonar, transmitter: Array, receivers: Array) -> None:
+    for target in sonar.targets:
+        times = [turn.time for turn in target.turns]
+        if sorted(set(times)) != times:
+            raise ValueError(f"sonar: turns of target {target.id} must be in order of time, got {times}")
     if not len(receivers):
         raise ValueError("sonar: receivers must have at least 1 node, got 0")
     for node, position in zip(sonar.receivers, receivers, strict=True):
