@@ -117,13 +117,13 @@ def locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str =
     check_method(net, method)
     shape, size = ranges.shape[1:], math.prod(ranges.shape[1:])
     flat = ranges.reshape(count, size), bearings.reshape(count, size)
-    out = np.zeros((7, size))
-    step = max(1, _CHUNK // count)
-    for search in (_careful,) if method == "ml_range" else (_quick, _careful):
-        left = np.flatnonzero(out[5] == 0)
-        for first in range(0, left.size, step):
-            part = left[first : first + step]
-            out[:, part] = _locate(net, flat[0][:, part], flat[1][:, part], noise, method, search)
+    out, step = np.zeros((7, size)), max(1, _CHUNK // count)
+    first = _careful if method == "ml_range" else _quick
+    for part in (slice(k, k + step) for k in range(0, size, step)):  # slices: rows by index would be copied
+        out[:, part] = _locate(net, flat[0][:, part], flat[1][:, part], noise, method, first)
+    left = np.flatnonzero(out[5] == 0) if first is _quick else np.empty(0, dtype=int)
+    for late in (left[k : k + step] for k in range(0, left.size, step)):
+        out[:, late] = _locate(net, flat[0][:, late], flat[1][:, late], noise, method, _careful)
     cov = np.moveaxis(out[[2, 3, 3, 4]].reshape(2, 2, *shape), (0, 1), (-2, -1))
     positions = np.moveaxis(out[:2].reshape(2, *shape), 0, -1)
     return Fixes(positions, cov, out[5].reshape(shape) > 0, out[6].reshape(shape))
