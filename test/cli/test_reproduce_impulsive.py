@@ -46,6 +46,16 @@ def test_what_the_system_and_its_measurements_are():
     assert trials.simulate(0.0, 2000, 4).offset[0, 0] != truth.offset[0, 0]
 
 
+def test_shaken_moorings_are_followed_by_a_widened_process():
+    truth = trials.simulate(0.3, 200, 8, shaken=True)
+    calm = trials.track("particle", 0.3, trials.simulate(0.3, 200, 8), 8)
+    surprised, ready = (trials.track("particle", 0.3, truth, 8, std) for std in (0.05, trials.widened(0.3)))
+    assert trials.widened(0.0) == pytest.approx(0.05)
+    assert ready.std < surprised.std
+    assert ready.nees < 0.3 * surprised.nees
+    assert ready.std > 2 * calm.std
+
+
 def test_errors_are_summed_up_from_2_s_on():
     errors = np.zeros((trials.STEPS, 2))
     errors[:3], errors[3:, 0], errors[3:, 1] = 100.0, 1.0, 3.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -64,27 +65,35 @@ class Tracked:
         return float(np.mean(np.square(self.settled) / self.variances[TIMES >= SETTLING]))
 
 
-def simulate(fraction: float, runs: int, seed: int) -> Truth:
-    """Moorings released at START, at rest."""
+def simulate(fraction: float, runs: int, seed: int, shaken: bool = False) -> Truth:
+    """Moorings released at START, at rest; `shaken` ones have the impulses in their motion, too (eq. 3, sec. 4)."""
     config = MooringConfig(impulse_fraction=fraction)
+    shocks = dataclasses.replace(config.expected_noise, std=config.process_std, fraction=fraction if shaken else 0.0)
     rng, step = np.random.default_rng([seed, _TRUTH, round(10 * fraction)]), step_of(config, PERIOD)
     state = np.tile([[START], [0.0]], runs)
     offset = np.empty((STEPS, runs))
     for k in range(STEPS):
         state = step.F @ state + step.drive[:, None]
-        state[0] += config.process_std * rng.standard_normal(runs)
+        state[0] += shocks.draw(rng, runs)
         offset[k] = state[0]
     return Truth(offset, offset + config.expected_noise.draw(rng, (STEPS, runs)))
 
 
-def track(name: str, fraction: float, truth: Truth, seed: int) -> Tracked:
+def track(name: str, fraction: float, truth: Truth, seed: int, process_std: float = 0.05) -> Tracked:
     """One of FILTERS, with the node's defaults otherwise, on all runs."""
-    config = dataclasses.replace(MooringConfig(impulse_fraction=fraction), **FILTERS[name])  # type: ignore[arg-type]
+    config = MooringConfig(impulse_fraction=fraction, process_std=process_std)
+    config = dataclasses.replace(config, **FILTERS[name])  # type: ignore[arg-type]
     rng, block = np.random.default_rng([seed, _FILTER, round(10 * fraction)]), max(1, _CACHED // config.particles)
     runs = truth.measured.shape[1]
     parts = [_filtered(config, rng, truth.measured[:, k : k + block]) for k in range(0, runs, block)]
     offset, variances = np.concatenate(parts, axis=2)
     return Tracked(offset, offset - truth.offset, variances)
+
+
+def widened(fraction: float) -> float:
+    """process_std in m that has the variance of shaken moorings' steps, impulses taken for Gaussian (alpha = 2)."""
+    config = MooringConfig()
+    return config.process_std * math.sqrt(1 - fraction + fraction * 2 * config.impulse_scale**2)
 
 
 def _filtered(config: MooringConfig, rng: np.random.Generator, measured: Array) -> Array:
