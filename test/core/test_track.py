@@ -196,6 +196,13 @@ def test_a_confirmed_track_coasts_and_ends_and_its_id_is_not_used_again():
     assert ids[13] == [2]
 
 
+def test_a_lone_sighting_does_not_prolong_a_tracks_life_but_two_do():
+    lone = follow([HERE] * 3 + [NONE] * 5 + [HERE] + [NONE] * 3)  # last seen at 8 s, alone at 32 s
+    assert lone[9:] == [[1], [], []]
+    twice = follow([HERE] * 3 + [NONE] * 5 + [HERE, NONE, HERE] + [NONE] * 3)
+    assert twice[9:] == [[1]] * 5
+
+
 def test_a_coasting_track_moves_on_and_grows():
     tracker = Tracker(RULES)
     for k in range(6):

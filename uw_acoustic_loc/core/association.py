@@ -122,13 +122,17 @@ def assign(nis: Array, spread: Array, limit: float) -> dict[int, int]:
 
 
 def residuals_at(single: Likelihood, position: Array) -> tuple[Array, Array]:
-    """Residuals (D, 2) of range sum and bearing at a position (2,), and their Jacobian (D, 2, 2) by the position."""
+    """Residuals (D, 2) of range sum and bearing at a position (2,), and their Jacobian (D, 2, 2) by the position.
+
+    A bearing's lever is range_std at least, see `Likelihood.cov`.
+    """
     legs = single.legs(*position[:, None])
     turn = single.turn(*legs[:2])[:, 0]
     dx, dy, distance, ex, ey, total = (np.squeeze(leg, -1) for leg in legs)
     ux, uy = dx / distance, dy / distance
     by_range = np.stack([ux + ex, uy + ey], axis=1)
-    by_bearing = np.stack([-uy, ux], axis=1) / distance[:, None]
+    lever = np.maximum(distance, single.range_weight[:, 0] ** -0.5)
+    by_bearing = np.stack([-uy, ux], axis=1) / lever[:, None]
     return np.stack([single.ranges[:, 0] - total, turn], axis=1), np.stack([by_range, by_bearing], axis=1)
 
 

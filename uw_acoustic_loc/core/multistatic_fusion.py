@@ -30,21 +30,17 @@ class MultistaticConfig:
         1500.0, unit="m/s", low=1350, high=1650, doc="only for when the ping reached the target, not for ranges"
     )
     gate: float = param(4.0, unit="sigma", low=1, high=10, changeable=True, doc="what belongs together")
-    min_receivers: int = param(2, low=1, doc="that must agree on a fix; at most all that there are")
+    min_receivers: int = param(2, low=1, doc="that must agree on a fix or a new track's sighting")
     process_noise: float = param(
-        0.002,
-        unit="m^2/s^3",
-        low=0,
-        changeable=True,
-        doc="spectral density of a steady target's acceleration",
+        0.002, unit="m^2/s^3", low=0, changeable=True, doc="spectral density of a steady target's acceleration, by axis"
     )
     manoeuvre_noise: float = param(
         0.5, unit="m^2/s^3", low=0, changeable=True, doc="the same while a target manoeuvres"
     )
     speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
-    confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many fixes ...")
+    confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many sightings ...")
     confirm_pings: int = param(4, low=1, high=100, doc="... in this many pings")
-    coast_time: float = param(30.0, unit="s", low=0, changeable=True, doc="a track without fixes ends after this")
+    coast_time: float = param(30.0, unit="s", low=0, changeable=True, doc="a track without detections ends after this")
     seed: int = param(1, low=0, doc="not used: the fusion draws no random numbers")
 
     def __post_init__(self) -> None:

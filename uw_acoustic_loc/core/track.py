@@ -45,7 +45,7 @@ class Track:
     means: Array  # (2, 4)
     covs: Array  # (2, 4, 4)
     shares: Array  # (2,) probabilities of the modes
-    seen_ns: int  # the last ping with a sighting
+    seen_ns: int  # the last ping with a sighting that was not lone
     history: tuple[bool, ...]  # sighted or not, at most the last N pings
 
     @classmethod
@@ -127,7 +127,8 @@ class Scan(Protocol):
 class Tracker:
     """`step` takes what one ping shows and returns the confirmed tracks at the ping's stamp.
 
-    Confirmed tracks choose before tentative ones. A tentative track is dropped as soon as it can no longer collect M
+    Confirmed tracks choose before tentative ones. A lone sighting among misses, as a false alarm gives it, does not
+    prolong a track's life. A tentative track is dropped as soon as it can no longer collect M
     sightings in its first N pings.
     """
 
@@ -176,7 +177,8 @@ class Tracker:
         history = (*track.history, sighting is not None)[-self.rules.confirm_pings :]
         if sighting is None:
             return replace(track, history=history)
-        return replace(track.update(sighting), history=history, seen_ns=t_ns)
+        lone = sum(history) < min(2, self.rules.confirm_hits)
+        return replace(track.update(sighting), history=history, seen_ns=track.seen_ns if lone else t_ns)
 
     def _begin(self, sighting: Sighting, t_ns: int) -> Track:
         cov = np.zeros((4, 4))
