@@ -6,7 +6,7 @@ import pytest
 
 from uw_acoustic_loc.core.multistatic import METHODS
 from uw_acoustic_loc.core.multistatic_fusion import MultistaticConfig
-from uw_acoustic_loc.sim.scenario import Target, load_scenario
+from uw_acoustic_loc.sim.scenario import Target, Turn, load_scenario
 from uw_acoustic_loc.sim.sonar import SonarSource
 from uw_acoustic_loc.stages.multistatic_fusion import MultistaticFusionStage
 
@@ -136,6 +136,14 @@ def test_a_fast_targets_track_is_where_it_was_at_the_stamp():
     results = [run(seed, MultistaticConfig(speed_std=15.0), targets=(fast,)) for seed in range(10)]
     late = np.mean([n for r in results for n in r.nees[5:]])
     assert late < 1.6  # 20 m/s for 2.5 s of travel time would be 50 m
+
+
+def test_a_simulated_target_that_turns_is_held_and_its_covariance_is_honest():
+    turns = (Turn(30.0, 0.02), Turn(80.0, -0.02))
+    results = [run(seed, targets=(Target(1, 1500.0, 2500.0, -10.0, 7.0, -3.0, turns),)) for seed in SEEDS]
+    assert all(r.ids == {1} for r in results)
+    assert np.median(np.concatenate([r.errors("sonar/tracks") for r in results])) < 40
+    assert 0.6 < np.mean([n for r in results for n in r.nees]) < 1.6
 
 
 # --- the messages ---------------------------------------------------------------------------------------------------
