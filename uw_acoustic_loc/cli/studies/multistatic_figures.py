@@ -123,9 +123,10 @@ def _receivers(rows: Sequence[Mapping[str, float]], seed: int) -> Picture:
     near, far, many = axes[0]
     _courses(near, rows, "receivers", 1.0)
     biased = _mean_by_count(trials.COUNTS, Setting().distance, seed, (BIASED, PRINTED))
-    for name, marker, label in ((BIASED, "x", "bias left in"), (PRINTED, "+", r"$\sqrt{N-1}\,\sigma$ removed")):
+    labels = (BIASED, "x", "bias left in", 0, 0.84), (PRINTED, "+", r"$\sqrt{N-1}\,\sigma$ removed", 3, 0.93)
+    for name, marker, label, at, below in labels:
         near.plot(trials.COUNTS, biased[name], marker=marker, linestyle=":", color=RED, markersize=5)
-        near.text(trials.COUNTS[4], 0.93 * biased[name][4], label, color=RED, fontsize=8, va="top")
+        near.text(trials.COUNTS[at], below * biased[name][at], label, color=RED, fontsize=8, va="top")
     for name, values in _mean_by_count(trials.COUNTS, FAR, seed, PAPER).items():
         far.plot(trials.COUNTS, values, marker=LOOK[name][1], markersize=4, color=LOOK[name][0])
     ls = _mean_by_count(MANY, FAR, seed, ("ls",))["ls"]
