@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 
 from test.ros.conftest import uwloc
+from uw_acoustic_loc.bag.fingerprint import fingerprints
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.types import deserialize
 from uw_acoustic_loc.resources import resource
@@ -31,26 +33,41 @@ def messages(bag: Path) -> dict[str, list[Any]]:
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The harbour's first ten seconds."""
-    folder = tmp_path_factory.mktemp("harbour")
-    scenario = yaml.safe_load((HARBOUR / "scenario.yaml").read_text()) | {"duration": 10.0}
+    return harbour(tmp_path_factory.mktemp("harbour"), 10.0)
+
+
+def harbour(folder: Path, duration: float) -> Path:
+    """A bag of the harbour's first seconds."""
+    scenario = yaml.safe_load((HARBOUR / "scenario.yaml").read_text()) | {"duration": duration}
     (folder / "scenario.yaml").write_text(yaml.safe_dump(scenario))
     done = uwloc("simulate", folder / "scenario.yaml", "-o", folder / "bag")
     assert done.returncode == 0, done.stderr
     return folder / "bag"
 
 
-def test_live_and_offline_give_the_same(domain: int, measured: Path, tmp_path: Path) -> None:
+def check_runs(bag: Path, out: Path, rates: Sequence[int], limit_s: float = 120.0) -> None:
+    """Two offline runs, and replays at these rates, all have the same hashes."""
     graph = HARBOUR / "graph.yaml"
-    offline = uwloc("process", measured, "--graph", graph, "-o", tmp_path / "offline")
-    assert offline.returncode == 0, offline.stderr
-    live = uwloc("replay", measured, "--graph", graph, "--rate", "0", "-o", tmp_path / "live")
-    assert live.returncode == 0, live.stderr
-    expected, got = messages(tmp_path / "offline"), messages(tmp_path / "live")
-    assert {t: len(m) for t, m in got.items()} == {t: len(m) for t, m in expected.items()}
-    assert len(got) >= 12
-    for topic, values in expected.items():
-        np.testing.assert_equal(got[topic], values, err_msg=topic)
+    runs = {f"process {k}": ("process", bag, "--graph", graph, "-o", out / f"process {k}") for k in (1, 2)}
+    for rate in rates:
+        name = f"rate {rate}"
+        runs[name] = ("replay", bag, "--graph", graph, "--rate", rate, "-o", out / name)
+    for arguments in runs.values():
+        done = uwloc(*arguments, limit_s=limit_s)
+        assert done.returncode == 0, done.stderr
+    found = {name: fingerprints(Bag(out / name)) for name in runs}
+    assert len(found["process 1"]) >= 12
+    for name, hashes in found.items():
+        assert hashes == found["process 1"], name
+
+
+def test_live_and_offline_give_the_same(domain: int, measured: Path, tmp_path: Path) -> None:
+    check_runs(measured, tmp_path, rates=[0, 20])
+
+
+@pytest.mark.slow
+def test_no_speed_changes_a_result(domain: int, tmp_path: Path) -> None:
+    check_runs(harbour(tmp_path, 20.0), tmp_path, rates=[0, 1, 20], limit_s=180.0)
 
 
 def test_both_whales_are_found_or_their_mirror_images(domain: int, tmp_path: Path) -> None:

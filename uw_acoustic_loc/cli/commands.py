@@ -83,7 +83,7 @@ def process(options: Namespace) -> int:
     speed = (last - first) * 1e-9 / max(seconds, 1e-9)
     STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
     tell.summary()
-    return _damage(bag.damage)
+    return damage_code(bag.damage)
 
 
 def replay(options: Namespace) -> int:
@@ -112,7 +112,7 @@ def score(options: Namespace) -> int:
 
     recording = load(options.bag)
     _print_score(run(recording), options.json)
-    return _damage(list(recording.damage))
+    return damage_code(list(recording.damage))
 
 
 def report(options: Namespace) -> int:
@@ -124,7 +124,7 @@ def report(options: Namespace) -> int:
     recording = load(options.bag)
     write_report(recording, run(recording), options.output)
     STDERR.print(f"report in {options.output}")
-    return _damage(list(recording.damage))
+    return damage_code(list(recording.damage))
 
 
 def convert_wav(options: Namespace) -> int:
@@ -178,7 +178,8 @@ def _refuse_folder(folder: Path) -> None:
     raise ValueError(f"{folder} exists and holds no earlier demo: choose another folder with -o")
 
 
-def _damage(damage: list[str]) -> int:
+def damage_code(damage: list[str]) -> int:
+    """Says what is wrong with a bag; the exit code that goes with it."""
     for sentence in damage:
         print(f"uwloc: {sentence}", file=sys.stderr)
     return 1 if damage else 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from . import commands
+from . import bag_runs, commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,6 +61,11 @@ def _parser() -> argparse.ArgumentParser:
     _bag_and_graph(replay)
     replay.add_argument("--rate", type=float, default=1.0, help="x real time; 0 = as fast as the nodes go")
     replay.set_defaults(run=commands.replay)
+
+    hashed = command.add_parser("hash", help="a hash per topic of what a bag says, whatever wrote it")
+    hashed.add_argument("bag", type=Path, metavar="BAG")
+    hashed.add_argument("--json", action="store_true", help="print JSON instead of lines")
+    hashed.set_defaults(run=bag_runs.hash_bag)
 
     score = command.add_parser("score", help="errors of a bag's estimates against its truth")
     score.add_argument("bag", type=Path, metavar="BAG")

@@ -1,0 +1,25 @@
+"""The commands that run estimators on bags, and the hash that says whether two runs agree."""
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+
+
+def hash_bag(options: Namespace) -> int:
+    """Prints a hash per topic and one in all."""
+    from ..bag.fingerprint import fingerprints, overall
+    from ..bag.reader import Bag
+    from .commands import damage_code
+
+    bag = Bag(options.bag)
+    found = fingerprints(bag)
+    if options.json:
+        topics = {topic: {"n": one.count, "sha256": one.digest} for topic, one in found.items()}
+        print(json.dumps({"topics": topics, "all": overall(found)}, indent=2))
+    else:
+        for topic, one in found.items():
+            print(f"{one.digest}  {one.count:7d}  {topic}")
+        print(f"{overall(found)}  {sum(one.count for one in found.values()):7d}  all")
+    return damage_code(bag.damage)
