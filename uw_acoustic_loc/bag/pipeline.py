@@ -2,66 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from ..contract import Output
+from ..contract import Emission, Output
 from ..graph import Graph
 from ..stages.catalog import STAGES
 from ..stages.runner import Refusal, Runner
-from ..wire.codec import codec
 from ..wiring import StageWiring, upstream_first, wire_stage
-from .types import BagMake
+from .types import decode, encode
 
-_MAKE = BagMake()
-Published = tuple[str, Any]  # full topic name, core value
+Publish = Callable[[str, bytes], None]  # full topic name, CDR
+
+
+class _Member:
+    """An estimator, with the full names of its outputs."""
+
+    def __init__(self, wiring: StageWiring, tell: Callable[[str, Refusal], None]) -> None:
+        name = wiring.node.full_name
+        self.runner = Runner(wiring.make_stage, wiring.lateness, lambda refusal: tell(name, refusal))
+        self.names = {output.topic: topic for topic, output in wiring.outputs.items()}
 
 
 class Pipeline:
-    """All estimators of `graph`; `tell` is called with a node's name and each message that it refused."""
+    """All estimators of `graph`; `publish` takes what they say, `tell` a node's name and each message it refused."""
 
-    def __init__(self, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
+    def __init__(self, graph: Graph, publish: Publish, tell: Callable[[str, Refusal], None]) -> None:
         wirings = upstream_first([wire_stage(node) for node in graph.nodes if node.executable in STAGES])
         if not wirings:
             raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(STAGES)})")
-        self._members = [(wiring, _runner(wiring, tell)) for wiring in wirings]
+        self._publish = publish
+        self._members = [_Member(wiring, tell) for wiring in wirings]
+        self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)
         self.outputs: dict[str, Output] = {}
-        for wiring in wirings:
+        kinds: dict[str, type] = {}
+        for wiring, member in zip(wirings, self._members, strict=True):
             self.outputs |= wiring.outputs
-        kinds = {topic: wanted.kind for wiring in wirings for topic, wanted in wiring.inputs.items()}
+            for topic, wanted in wiring.inputs.items():
+                self._readers[topic].append((member, wanted.topic))
+                kinds[topic] = wanted.kind
         self.inputs = {topic: kind for topic, kind in kinds.items() if topic not in self.outputs}
 
-    def push(self, topic: str, value: Any) -> Iterator[Published]:
-        """Gives a message to all that subscribe; yields what they, and in turn the others, publish."""
-        for wiring, runner in self._members:
-            if topic in wiring.inputs:
-                yield from self._pass_on(wiring, runner.push(wiring.inputs[topic].topic, value))
+    def push(self, topic: str, value: Any) -> None:
+        """Gives a message to all that subscribe, and what they publish to those that subscribe to that."""
+        for member, own_name in self._readers[topic]:
+            self._pass_on(member, member.runner.push(own_name, value))
 
     def malformed(self, topic: str, sentence: str) -> None:
         """Counts a message that could not be read."""
-        for wiring, runner in self._members:
-            if topic in wiring.inputs:
-                runner.malformed(wiring.inputs[topic].topic, sentence)
+        for member, own_name in self._readers[topic]:
+            member.runner.malformed(own_name, sentence)
 
-    def flush(self) -> Iterator[Published]:
+    def flush(self) -> None:
         """The end of the input, from the first stages to the last."""
-        for wiring, runner in self._members:
-            yield from self._pass_on(wiring, runner.flush())
+        for member in self._members:
+            self._pass_on(member, member.runner.flush())
 
-    def _pass_on(self, wiring: StageWiring, emissions: Iterator[Published]) -> Iterator[Published]:
+    def _pass_on(self, member: _Member, emissions: Iterable[Emission]) -> None:
         for own_name, value in emissions:
-            topic = wiring.node.resolve(own_name)
-            yield topic, value
-            if any(topic in member.inputs for member, _ in self._members):
-                yield from self.push(topic, _as_received(value))
-
-
-def _as_received(value: Any) -> Any:
-    """The value as a subscriber reads it: a bearing that went through a quaternion differs in its last digit."""
-    form = codec(type(value))
-    return form.decode(form.encode(_MAKE, value), value.t_ns)
-
-
-def _runner(wiring: StageWiring, tell: Callable[[str, Refusal], None]) -> Runner:
-    name = wiring.node.full_name
-    return Runner(wiring.make_stage, wiring.lateness, lambda refusal: tell(name, refusal))
+            topic, data = member.names[own_name], encode(value)
+            self._publish(topic, data)
+            if topic in self._readers:  # they get what went through CDR: a quaternion changes a bearing's last digit
+                self.push(topic, decode(type(value), data, value.t_ns))

@@ -8,21 +8,21 @@ from pathlib import Path
 from ..graph import Graph
 from ..stages.runner import Refusal
 from ..wire.codec import codec
-from .pipeline import Pipeline, Published
+from .pipeline import Pipeline
 from .reader import Bag, Record
-from .types import BagMake, deserialize, serialize
+from .types import decode
 from .writer import BagWriter
-
-_MAKE = BagMake()
 
 
 class OfflineRun:
     """One bag through one graph into a new bag. `progress` is called with each record's log time."""
 
     def __init__(self, bag: Bag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
-        self.pipeline = Pipeline(graph, tell)
+        self.pipeline = Pipeline(graph, self._publish, tell)
         self._bag = bag
         self._kinds = self.pipeline.inputs
+        self._writer: BagWriter
+        self._t_ns = 0  # log time of what is being handled
         missing = sorted(set(self._kinds) - set(bag.topics))
         self.missing = missing
         if len(missing) == len(self._kinds):
@@ -34,38 +34,35 @@ class OfflineRun:
     def run(self, out: Path, keep_inputs: bool, progress: Callable[[int], None]) -> dict[str, int]:
         """Writes the outputs (and, to keep, all of the bag that is not an output); returns counts per topic."""
         own = self.pipeline.outputs
-        last_ns = 0
-        with BagWriter(out, {"made_by": "process", "input": self._bag.path.name}) as writer:
+        with BagWriter(out, {"made_by": "process", "input": self._bag.path.name}) as self._writer:
             for topic, output in own.items():
-                writer.add_topic(topic, codec(output.kind).msgtype, output.latched)
+                self._writer.add_topic(topic, codec(output.kind).msgtype, output.latched)
             topics = None if keep_inputs else [*self._kinds]
             for record in self._bag.records(topics):
+                self._t_ns = record.t_ns
                 if keep_inputs and record.topic not in own:
-                    writer.add_topic(record.topic, record.msgtype, self._bag.topics[record.topic].latched)
-                    writer.write(record.topic, record.t_ns, record.data)
-                last_ns = record.t_ns
-                for published in self._feed(record):
-                    _write(writer, published, record.t_ns)
+                    self._keep(record)
+                self._feed(record)
                 progress(record.t_ns)
-            for published in self.pipeline.flush():
-                _write(writer, published, last_ns)
-            return writer.counts
+            self.pipeline.flush()
+            return self._writer.counts
 
-    def _feed(self, record: Record) -> list[Published]:
+    def _keep(self, record: Record) -> None:
+        self._writer.add_topic(record.topic, record.msgtype, self._bag.topics[record.topic].latched)
+        self._writer.write(record.topic, record.t_ns, record.data)
+
+    def _feed(self, record: Record) -> None:
         kind = self._kinds.get(record.topic)
         if kind is None:
-            return []
+            return
         try:
             if record.msgtype != codec(kind).msgtype:
                 raise ValueError(f"type must be {codec(kind).msgtype}, got {record.msgtype}")
-            value = codec(kind).decode(deserialize(record.data, record.msgtype), record.t_ns)
+            value = decode(kind, record.data, record.t_ns)
         except ValueError as error:
             self.pipeline.malformed(record.topic, str(error))
-            return []
-        return list(self.pipeline.push(record.topic, value))
+            return
+        self.pipeline.push(record.topic, value)
 
-
-def _write(writer: BagWriter, published: Published, t_ns: int) -> None:
-    topic, value = published
-    form = codec(type(value))
-    writer.write(topic, t_ns, serialize(form.encode(_MAKE, value), form.msgtype))
+    def _publish(self, topic: str, data: bytes) -> None:
+        self._writer.write(topic, self._t_ns, data)

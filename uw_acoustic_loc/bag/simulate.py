@@ -10,7 +10,7 @@ from ..contract import Event, Output, Source
 from ..sim.catalog import SOURCES, make_source
 from ..sim.scenario import Scenario
 from ..wire.codec import codec
-from .types import BagMake, serialize
+from .types import encode
 from .writer import BagWriter
 
 # Where the drivers of a scenario live: the vehicle's own topics under its name.
@@ -19,7 +19,6 @@ ON_VEHICLE = ("vehicle_driver", "hydrophone_driver")
 
 def simulate(scenario: Scenario, out: Path, progress: Callable[[int], None]) -> dict[str, int]:
     """Writes all events of all drivers in order; returns counts per topic. `progress` gets each event's instant."""
-    make = BagMake()
     sources = [(name, make_source(name, scenario)) for name in SOURCES if _simulated(name, scenario)]
     with BagWriter(out, {"made_by": "simulate", "seed": str(scenario.seed)}) as writer:
         for name, source in sources:
@@ -27,8 +26,7 @@ def simulate(scenario: Scenario, out: Path, progress: Callable[[int], None]) -> 
                 writer.add_topic(_full_name(name, output, scenario), codec(output.kind).msgtype, output.latched)
         streams = [_named_events(name, source, scenario) for name, source in sources]
         for t_ns, topic, value in heapq.merge(*streams, key=lambda event: event[0]):
-            form = codec(type(value))
-            writer.write(topic, t_ns, serialize(form.encode(make, value), form.msgtype))
+            writer.write(topic, t_ns, encode(value))
             progress(t_ns)
         return writer.counts
 

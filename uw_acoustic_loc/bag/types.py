@@ -8,12 +8,13 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from ..core.types import AnyArray
+from ..wire.codec import codec
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 class BagMake:
-    """Builds rosbags messages (see wire.messages.Make)."""
+    """Builds rosbags messages (see wire.flat.Make)."""
 
     def __call__(self, msgtype: str, **fields: Any) -> Any:
         return STORE.types[msgtype](**fields)
@@ -21,6 +22,26 @@ class BagMake:
     def octets(self, data: bytes) -> AnyArray:
         """The bytes as uint8 (N,)."""
         return np.frombuffer(data, dtype=np.uint8)
+
+
+_MAKE = BagMake()
+
+
+def encode(value: Any) -> bytes:
+    """CDR bytes of a core value."""
+    form = codec(type(value))
+    return form.flat.pack(value) if form.flat else serialize(form.encode(_MAKE, value), form.msgtype)
+
+
+def decode(kind: type, data: bytes, t_ns: int) -> Any:
+    """A core value from CDR bytes that were received at t_ns.
+
+    Raises:
+        ValueError: the bytes are no such message, or it says what cannot be.
+    """
+    form = codec(kind)
+    value = form.flat.unpack(data) if form.flat else None
+    return form.decode(deserialize(data, form.msgtype), t_ns) if value is None else value
 
 
 def serialize(msg: Any, msgtype: str) -> bytes:

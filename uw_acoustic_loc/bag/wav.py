@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.types import AnyArray, HydrophoneInfo, Samples
 from ..wire.codec import codec
-from .types import BagMake, serialize
+from .types import encode
 from .writer import BagWriter
 
 _COUNTS = 32767
@@ -112,6 +112,5 @@ def _largest(path: Path, kind: np.dtype[Any]) -> float:
 
 
 def _write(writer: BagWriter, topic: str, value: Any, t_ns: int, latched: bool = False) -> None:
-    form = codec(type(value))
-    writer.add_topic(topic, form.msgtype, latched)
-    writer.write(topic, t_ns, serialize(form.encode(BagMake(), value), form.msgtype))
+    writer.add_topic(topic, codec(type(value)).msgtype, latched)
+    writer.write(topic, t_ns, encode(value))

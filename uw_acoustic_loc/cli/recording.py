@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..bag.reader import Bag, Record
-from ..bag.types import deserialize
+from ..bag.types import decode
 from ..core.types import AnyArray, Bearing, NodePositions, Odometry, Point, Position, Scalar, Tracks
 from ..wire.codec import codec
 
@@ -109,14 +109,14 @@ class _Reader:
 
     def __init__(self, topic: str, role: str, kind: type, match: re.Match[str]) -> None:
         found = match.groupdict()
-        self.topic, self._role, self._codec = topic, role, codec(kind)
+        self.topic, self._role, self._kind = topic, role, kind
         self._space, self._id = found.get("space") or "", found.get("id") or ""
         self.pairs: list[tuple[Any, int]] = []  # value, log time
         self.refused, self.sentence = 0, ""
 
     def read(self, record: Record) -> None:
         try:
-            value = self._codec.decode(deserialize(record.data, record.msgtype), record.t_ns)
+            value = decode(self._kind, record.data, record.t_ns)
         except ValueError as error:
             self.refused += 1
             self.sentence = self.sentence or str(error)

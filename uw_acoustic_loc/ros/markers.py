@@ -14,7 +14,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.types import Array, Bearing, Odometry, Position, Tracks
-from ..wire.messages import header
+from ..wire.flat import header
 from .types import RosMake
 
 _MAKE = RosMake()

@@ -13,7 +13,7 @@ except ImportError:  # not on PyPI, but on every ROS machine
     TFMessage = None
 
 from ..core.types import Odometry
-from ..wire.messages import odometry_to
+from ..wire.messages import ODOMETRY
 from .types import RosMake
 
 
@@ -27,7 +27,7 @@ class Transforms:
         """Broadcasts frame_id -> child_frame_id."""
         if self._publisher is None:
             return
-        message = odometry_to(RosMake(), value)
+        message = ODOMETRY.encode(RosMake(), value)
         transform = TransformStamped(header=message.header, child_frame_id=value.child_frame_id)
         place = message.pose.pose.position
         transform.transform.translation.x, transform.transform.translation.y = place.x, place.y

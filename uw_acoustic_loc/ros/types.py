@@ -36,7 +36,7 @@ def clock_message(t_ns: int) -> Clock:
 
 
 class RosMake:
-    """Builds rclpy messages (see wire.messages.Make)."""
+    """Builds rclpy messages (see wire.flat.Make)."""
 
     def __call__(self, msgtype: str, **fields: Any) -> Any:
         return message_class(msgtype)(**fields)

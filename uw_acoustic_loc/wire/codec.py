@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from ..core.types import (
@@ -26,15 +25,17 @@ from ..core.types import (
     Tracks,
 )
 from . import messages as m
+from .flat import FlatForm, Make
 
 
 @dataclass(frozen=True)
 class Codec:
-    """`encode(make, value) -> message`, `decode(message, received_ns) -> value`."""
+    """`encode(make, value) -> message`, `decode(message, received_ns) -> value`; `flat` if it needs no object."""
 
     msgtype: str
-    encode: Callable[[m.Make, Any], Any]
+    encode: Callable[[Make, Any], Any]
     decode: Callable[[Any, int], Any]
+    flat: FlatForm | None = None
 
 
 def codec(kind: type) -> Codec:
@@ -42,27 +43,28 @@ def codec(kind: type) -> Codec:
     return _CODECS[kind]
 
 
-def _stamped(msgtype: str, encode: Callable[[m.Make, Any], Any], decode: Callable[[Any], Any]) -> Codec:
-    return Codec(msgtype, encode, lambda msg, _received_ns: decode(msg))
+def _flat(form: FlatForm) -> Codec:
+    return Codec(form.body.msgtype, form.encode, form.decode, form)
 
 
 def _record(kind: type, name: str, single: bool = False) -> Codec:
-    def encode(make: m.Make, value: Any) -> Any:
+    def encode(make: Make, value: Any) -> Any:
         return m.record_to(make, name, value)
 
-    return _stamped("sensor_msgs/msg/PointCloud2", encode, partial(m.record_from, name, kind, single=single))
+    def decode(msg: Any, _received_ns: int) -> Any:
+        return m.record_from(name, kind, msg, single)
 
+    return Codec("sensor_msgs/msg/PointCloud2", encode, decode)
 
-_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 _CODECS: dict[type, Codec] = {
-    Odometry: _stamped("nav_msgs/msg/Odometry", m.odometry_to, m.odometry_from),
-    Bearing: _stamped(_POSE, m.bearing_to, m.bearing_from),
-    Position: _stamped(_POSE, m.position_to, m.position_from),
-    Imu: _stamped("sensor_msgs/msg/Imu", m.imu_to, m.imu_from),
-    BodyVelocity: _stamped("geometry_msgs/msg/TwistWithCovarianceStamped", m.body_velocity_to, m.body_velocity_from),
-    Point: _stamped("geometry_msgs/msg/PointStamped", m.point_to, m.point_from),
-    Pressure: _stamped("sensor_msgs/msg/FluidPressure", m.pressure_to, m.pressure_from),
+    Odometry: _flat(m.ODOMETRY),
+    Bearing: _flat(m.BEARING),
+    Position: _flat(m.POSITION),
+    Imu: _flat(m.IMU),
+    BodyVelocity: _flat(m.BODY_VELOCITY),
+    Point: _flat(m.POINT),
+    Pressure: _flat(m.PRESSURE),
     Scalar: Codec("std_msgs/msg/Float64", m.scalar_to, m.scalar_from),
     HydrophoneInfo: _record(HydrophoneInfo, "HydrophoneInfo", single=True),
     Samples: _record(Samples, "HydrophoneSample"),

@@ -1,14 +1,12 @@
 """Core types to ROS messages and back, one pair of functions per message type.
 
-`make` builds a message of a named type from its fields: rclpy's classes in a node, rosbags' offline (see `Make`).
-Reading goes by attribute, so that both kinds of message are read by the same code. A message whose stamp is zero or
-whose numbers are not finite raises ValueError with what is wrong.
+A message whose stamp is zero or whose numbers are not finite raises ValueError with what is wrong.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -23,217 +21,193 @@ from ..core.types import (
     Position,
     Pressure,
     Scalar,
-    unknown,
 )
 from . import record
-
-
-class Make(Protocol):
-    """Builds messages; `octets` turns bytes into what a uint8[] field takes fastest."""
-
-    def __call__(self, msgtype: str, **fields: Any) -> Any: ...
-
-    def octets(self, data: bytes) -> Any: ...
-
+from .flat import Flat, FlatForm, Make, Part, header, stamp_ns
 
 # --- parts --------------------------------------------------------------------------------------------------------
 
 
-def header(make: Make, t_ns: int, frame_id: str) -> Any:
-    """std_msgs/Header."""
-    stamp = make("builtin_interfaces/msg/Time", sec=t_ns // 1_000_000_000, nanosec=t_ns % 1_000_000_000)
-    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+def _part(name: str, **fields: Part | int) -> Part:
+    return Part(f"geometry_msgs/msg/{name}", fields)
 
 
-def stamp_ns(msg: Any) -> int:
-    """The header's stamp in nanoseconds; zero means that nobody set it."""
-    t_ns = int(msg.header.stamp.sec) * 1_000_000_000 + int(msg.header.stamp.nanosec)
-    if t_ns <= 0:
-        raise ValueError(f"header.stamp must be set, got {t_ns} ns")
-    return t_ns
+_POINT, _VECTOR = (_part(name, x=1, y=1, z=1) for name in ("Point", "Vector3"))
+_QUATERNION = _part("Quaternion", x=1, y=1, z=1, w=1)
+_POSE = _part("PoseWithCovariance", pose=_part("Pose", position=_POINT, orientation=_QUATERNION), covariance=36)
+_TWIST = _part("TwistWithCovariance", twist=_part("Twist", linear=_VECTOR, angular=_VECTOR), covariance=36)
+_STAMPED_POSE = _part("PoseWithCovarianceStamped", pose=_POSE)
 
 
-def _xyz(make: Make, kind: str, values: Array) -> Any:
-    x, y, z = (float(v) for v in values)
-    return make(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
+def _finite(values: Array, **parts: slice) -> None:
+    """Raises ValueError with the part that is not finite; what is in no part may be anything."""
+    if math.isfinite(values.sum()):
+        return
+    for what, part in parts.items():
+        if not math.isfinite(values[part].sum()):
+            raise ValueError(f"{what.replace('__', '.')} must be finite, got {values[part].tolist()}")
 
 
-def _quat(make: Make, quat_xyzw: Array) -> Any:
-    x, y, z, w = (float(v) for v in quat_xyzw)
-    return make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-
-
-def _read_xyz(what: str, vector: Any) -> Array:
-    return _finite(what, np.array([vector.x, vector.y, vector.z], dtype=float))
-
-
-def _read_quat(what: str, q: Any) -> Array:
-    quat = _finite(what, np.array([q.x, q.y, q.z, q.w], dtype=float))
+def _unit(what: str, quat: Array) -> Array:
     norm = float(np.linalg.norm(quat))
     if not 0.99 < norm < 1.01:
         raise ValueError(f"{what} must have length 1, got {norm:.6g}")
     return np.asarray(quat / norm)
 
 
-def _read_cov(what: str, flat: Any, size: int) -> Array:
-    return _finite(what, np.array(flat, dtype=float).reshape(size, size))
-
-
-def _finite(what: str, values: Array) -> Array:
-    if not math.isfinite(values.sum()):
-        raise ValueError(f"{what} must be finite, got {values.tolist()}")
-    return values
-
-
 # --- messages -----------------------------------------------------------------------------------------------------
 
 
-def odometry_to(make: Make, value: Odometry) -> Any:
-    """nav_msgs/Odometry."""
-    pose = make(
-        "geometry_msgs/msg/Pose", position=_xyz(make, "Point", value.position), orientation=_quat(make, value.quat_xyzw)
-    )
-    twist = make(
-        "geometry_msgs/msg/Twist",
-        linear=_xyz(make, "Vector3", value.linear),
-        angular=_xyz(make, "Vector3", value.angular),
-    )
-    return make(
-        "nav_msgs/msg/Odometry",
-        header=header(make, value.t_ns, value.frame_id),
-        child_frame_id=value.child_frame_id,
-        pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=value.pose_cov.reshape(36)),
-        twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=value.twist_cov.reshape(36)),
-    )
+def _odometry_to(value: Odometry) -> Flat:
+    parts = (value.position, value.quat_xyzw, value.pose_cov.ravel(), value.linear, value.angular)
+    values = np.concatenate([*parts, value.twist_cov.ravel()], dtype=float)
+    return Flat(value.t_ns, (value.frame_id, value.child_frame_id), values)
 
 
-def odometry_from(msg: Any) -> Odometry:
-    """From nav_msgs/Odometry."""
-    pose, twist = msg.pose.pose, msg.twist.twist
+def _odometry_from(flat: Flat) -> Odometry:
+    t_ns, (frame_id, child_frame_id), values = flat
+    pose = {"pose__position": slice(3), "pose__orientation": slice(3, 7), "pose__covariance": slice(7, 43)}
+    twist = {"twist__linear": slice(43, 46), "twist__angular": slice(46, 49), "twist__covariance": slice(49, 85)}
+    _finite(values, **pose, **twist)
     return Odometry(
-        t_ns=stamp_ns(msg),
-        position=_read_xyz("pose.position", pose.position),
-        quat_xyzw=_read_quat("pose.orientation", pose.orientation),
-        linear=_read_xyz("twist.linear", twist.linear),
-        angular=_read_xyz("twist.angular", twist.angular),
-        pose_cov=_read_cov("pose.covariance", msg.pose.covariance, 6),
-        twist_cov=_read_cov("twist.covariance", msg.twist.covariance, 6),
-        frame_id=msg.header.frame_id,
-        child_frame_id=msg.child_frame_id,
+        t_ns=t_ns,
+        position=values[:3],
+        quat_xyzw=_unit("pose.orientation", values[3:7]),
+        linear=values[43:46],
+        angular=values[46:49],
+        pose_cov=values[7:43].reshape(6, 6),
+        twist_cov=values[49:].reshape(6, 6),
+        frame_id=frame_id,
+        child_frame_id=child_frame_id,
     )
 
 
-def bearing_to(make: Make, value: Bearing) -> Any:
-    """geometry_msgs/PoseWithCovarianceStamped: yaw = bearing, covariance[35] = its variance."""
-    cov = unknown(6)
-    cov[5, 5] = value.variance
-    return _pose_to(make, value.t_ns, value.frame_id, value.position, quat_from_yaw(value.bearing), cov)
+ODOMETRY = FlatForm(
+    Part("nav_msgs/msg/Odometry", {"pose": _POSE, "twist": _TWIST}), _odometry_to, _odometry_from, ("child_frame_id",)
+)
 
 
-def bearing_from(msg: Any) -> Bearing:
-    """From geometry_msgs/PoseWithCovarianceStamped."""
-    pose = msg.pose.pose
-    variance = float(msg.pose.covariance[35])
+def _bearing_to(value: Bearing) -> Flat:
+    """Yaw = bearing, covariance[35] = its variance."""
+    values = np.zeros(43)
+    values[:3], values[3:7] = value.position, quat_from_yaw(value.bearing)
+    values[7], values[42] = -1.0, value.variance
+    return Flat(value.t_ns, (value.frame_id,), values)
+
+
+def _bearing_from(flat: Flat) -> Bearing:
+    values = flat.values
+    variance = values.item(42)
     if not 0.0 < variance < math.inf:
         raise ValueError(f"pose.covariance[35], the bearing's variance, must be positive, got {variance!r}")
-    yaw = yaw_from_quat(_read_quat("pose.orientation", pose.orientation))
-    return Bearing(stamp_ns(msg), yaw, variance, _read_xyz("pose.position", pose.position), msg.header.frame_id)
+    _finite(values, pose__orientation=slice(3, 7), pose__position=slice(3))
+    yaw = yaw_from_quat(_unit("pose.orientation", values[3:7]))
+    return Bearing(flat.t_ns, yaw, variance, values[:3], flat.names[0])
 
 
-def position_to(make: Make, value: Position) -> Any:
-    """geometry_msgs/PoseWithCovarianceStamped without an orientation (its variances are -1)."""
-    cov = np.zeros((6, 6))
+BEARING = FlatForm(_STAMPED_POSE, _bearing_to, _bearing_from)
+
+
+def _position_to(value: Position) -> Flat:
+    """Without an orientation (its variances are -1)."""
+    values = np.zeros(43)
+    values[:3], values[6] = value.position, 1.0
+    cov = values[7:].reshape(6, 6)
     cov[:3, :3] = value.cov
-    cov[3:, 3:] = -np.eye(3)
-    return _pose_to(make, value.t_ns, value.frame_id, value.position, quat_from_yaw(0.0), cov)
+    cov[3:, 3:] = _NO_TURN
+    return Flat(value.t_ns, (value.frame_id,), values)
 
 
-def position_from(msg: Any) -> Position:
-    """From geometry_msgs/PoseWithCovarianceStamped."""
-    cov = _read_cov("pose.covariance", msg.pose.covariance, 6)[:3, :3]
-    return Position(stamp_ns(msg), _read_xyz("pose.position", msg.pose.pose.position), cov, msg.header.frame_id)
+def _position_from(flat: Flat) -> Position:
+    values = flat.values
+    _finite(values, pose__covariance=slice(7, 43), pose__position=slice(3))
+    return Position(flat.t_ns, values[:3], values[7:].reshape(6, 6)[:3, :3], flat.names[0])
 
 
-def _pose_to(make: Make, t_ns: int, frame_id: str, position: Array, quat: Array, cov: Array) -> Any:
-    pose = make("geometry_msgs/msg/Pose", position=_xyz(make, "Point", position), orientation=_quat(make, quat))
-    return make(
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-        header=header(make, t_ns, frame_id),
-        pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=cov.reshape(36)),
-    )
+POSITION = FlatForm(_STAMPED_POSE, _position_to, _position_from)
 
 
-def imu_to(make: Make, value: Imu) -> Any:
-    """sensor_msgs/Imu without an orientation (its covariance is -1)."""
-    return make(
+def _imu_to(value: Imu) -> Flat:
+    """Without an orientation (its covariance is -1)."""
+    values = np.zeros(37)
+    values[3], values[4] = 1.0, -1.0
+    values[13:16], values[16:25] = value.angular, value.angular_cov.ravel()
+    values[25:28], values[28:] = value.acceleration, value.acceleration_cov.ravel()
+    return Flat(value.t_ns, (value.frame_id,), values)
+
+
+def _imu_from(flat: Flat) -> Imu:
+    values = flat.values
+    angular = {"angular_velocity": slice(13, 16), "angular_velocity_covariance": slice(16, 25)}
+    linear = {"linear_acceleration": slice(25, 28), "linear_acceleration_covariance": slice(28, 37)}
+    _finite(values, **angular, **linear)
+    covs = values[16:25].reshape(3, 3), values[28:].reshape(3, 3)
+    return Imu(flat.t_ns, values[13:16], values[25:28], *covs, flat.names[0])
+
+
+IMU = FlatForm(
+    Part(
         "sensor_msgs/msg/Imu",
-        header=header(make, value.t_ns, value.frame_id),
-        orientation=_quat(make, quat_from_yaw(0.0)),
-        orientation_covariance=unknown(3).reshape(9),
-        angular_velocity=_xyz(make, "Vector3", value.angular),
-        angular_velocity_covariance=value.angular_cov.reshape(9),
-        linear_acceleration=_xyz(make, "Vector3", value.acceleration),
-        linear_acceleration_covariance=value.acceleration_cov.reshape(9),
-    )
+        {
+            "orientation": _QUATERNION,
+            "orientation_covariance": 9,
+            "angular_velocity": _VECTOR,
+            "angular_velocity_covariance": 9,
+            "linear_acceleration": _VECTOR,
+            "linear_acceleration_covariance": 9,
+        },
+    ),
+    _imu_to,
+    _imu_from,
+)
 
 
-def imu_from(msg: Any) -> Imu:
-    """From sensor_msgs/Imu."""
-    return Imu(
-        t_ns=stamp_ns(msg),
-        angular=_read_xyz("angular_velocity", msg.angular_velocity),
-        acceleration=_read_xyz("linear_acceleration", msg.linear_acceleration),
-        angular_cov=_read_cov("angular_velocity_covariance", msg.angular_velocity_covariance, 3),
-        acceleration_cov=_read_cov("linear_acceleration_covariance", msg.linear_acceleration_covariance, 3),
-        frame_id=msg.header.frame_id,
-    )
-
-
-def body_velocity_to(make: Make, value: BodyVelocity) -> Any:
-    """geometry_msgs/TwistWithCovarianceStamped; angular unknown."""
-    cov = np.zeros((6, 6))
+def _body_velocity_to(value: BodyVelocity) -> Flat:
+    """Angular unknown."""
+    values = np.zeros(42)
+    values[:3] = value.linear
+    cov = values[6:].reshape(6, 6)
     cov[:3, :3] = value.linear_cov
-    cov[3:, 3:] = -np.eye(3)
-    zero = _xyz(make, "Vector3", np.zeros(3))
-    twist = make("geometry_msgs/msg/Twist", linear=_xyz(make, "Vector3", value.linear), angular=zero)
-    return make(
-        "geometry_msgs/msg/TwistWithCovarianceStamped",
-        header=header(make, value.t_ns, value.frame_id),
-        twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=cov.reshape(36)),
-    )
+    cov[3:, 3:] = _NO_TURN
+    return Flat(value.t_ns, (value.frame_id,), values)
 
 
-def body_velocity_from(msg: Any) -> BodyVelocity:
-    """From geometry_msgs/TwistWithCovarianceStamped."""
-    cov = _read_cov("twist.covariance", msg.twist.covariance, 6)[:3, :3]
-    return BodyVelocity(stamp_ns(msg), _read_xyz("twist.linear", msg.twist.twist.linear), cov, msg.header.frame_id)
+def _body_velocity_from(flat: Flat) -> BodyVelocity:
+    values = flat.values
+    _finite(values, twist__covariance=slice(6, 42), twist__linear=slice(3))
+    return BodyVelocity(flat.t_ns, values[:3], values[6:].reshape(6, 6)[:3, :3], flat.names[0])
 
 
-def point_to(make: Make, value: Point) -> Any:
-    """geometry_msgs/PointStamped."""
-    point = _xyz(make, "Point", value.position)
-    return make("geometry_msgs/msg/PointStamped", header=header(make, value.t_ns, value.frame_id), point=point)
+BODY_VELOCITY = FlatForm(_part("TwistWithCovarianceStamped", twist=_TWIST), _body_velocity_to, _body_velocity_from)
 
 
-def point_from(msg: Any) -> Point:
-    """From geometry_msgs/PointStamped."""
-    return Point(stamp_ns(msg), _read_xyz("point", msg.point), msg.header.frame_id)
+def _point_to(value: Point) -> Flat:
+    return Flat(value.t_ns, (value.frame_id,), np.array(value.position, dtype=float))
 
 
-def pressure_to(make: Make, value: Pressure) -> Any:
-    """sensor_msgs/FluidPressure."""
-    return make(
-        "sensor_msgs/msg/FluidPressure",
-        header=header(make, value.t_ns, value.frame_id),
-        fluid_pressure=float(value.pressure),
-        variance=float(value.variance),
-    )
+def _point_from(flat: Flat) -> Point:
+    _finite(flat.values, point=slice(3))
+    return Point(flat.t_ns, flat.values, flat.names[0])
 
 
-def pressure_from(msg: Any) -> Pressure:
-    """From sensor_msgs/FluidPressure."""
-    pressure, variance = _finite("fluid_pressure and variance", np.array([msg.fluid_pressure, msg.variance]))
-    return Pressure(stamp_ns(msg), float(pressure), float(variance), msg.header.frame_id)
+POINT = FlatForm(_part("PointStamped", point=_POINT), _point_to, _point_from)
+
+
+def _pressure_to(value: Pressure) -> Flat:
+    return Flat(value.t_ns, (value.frame_id,), np.array([value.pressure, value.variance], dtype=float))
+
+
+def _pressure_from(flat: Flat) -> Pressure:
+    _finite(flat.values, **{"fluid_pressure and variance": slice(2)})
+    pressure, variance = flat.values.tolist()
+    return Pressure(flat.t_ns, pressure, variance, flat.names[0])
+
+
+PRESSURE = FlatForm(
+    Part("sensor_msgs/msg/FluidPressure", {"fluid_pressure": 1, "variance": 1}), _pressure_to, _pressure_from
+)
+
+_NO_TURN = -np.eye(3)
 
 
 def scalar_to(make: Make, value: Scalar) -> Any:
@@ -243,7 +217,8 @@ def scalar_to(make: Make, value: Scalar) -> Any:
 
 def scalar_from(msg: Any, t_ns: int) -> Scalar:
     """From std_msgs/Float64, with the instant at which it came (the message has no stamp)."""
-    return Scalar(t_ns, float(_finite("data", np.array([msg.data]))[0]))
+    _finite(np.array([msg.data]), data=slice(1))
+    return Scalar(t_ns, float(msg.data))
 
 
 def record_to(make: Make, name: str, value: Any) -> Any:
@@ -271,5 +246,5 @@ def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
         if len(next(iter(columns.values()))) != 1:
             raise ValueError(f"{name}: must have 1 row, got {len(next(iter(columns.values())))}")
         columns = {column: float(values[0]) for column, values in columns.items()}
-        _finite(name, np.array(list(columns.values())))
+        _finite(np.array(list(columns.values())), **{name: slice(None)})
     return kind(t_ns=stamp_ns(msg), frame_id=msg.header.frame_id, **columns)

@@ -1,0 +1,157 @@
+"""Messages of a header, names and float64: one row of numbers stands for them, in a message object or in CDR.
+
+`make` builds a message of a named type from its fields: rclpy's classes in a node, rosbags' offline. Reading goes by
+attribute, so that both kinds of message are read by the same code.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ..core.types import Array
+
+
+class Make(Protocol):
+    """Builds messages; `octets` turns bytes into what a uint8[] field takes fastest."""
+
+    def __call__(self, msgtype: str, **fields: Any) -> Any: ...
+
+    def octets(self, data: bytes) -> Any: ...
+
+
+class Flat(NamedTuple):
+    """What a message says."""
+
+    t_ns: int
+    names: tuple[str, ...]  # header.frame_id, and those that follow
+    values: Array  # (n,) in the message's order
+
+
+@dataclass(frozen=True)
+class Part:
+    """A message type and its fields: a number (1), an array (its size), or a message."""
+
+    msgtype: str
+    fields: dict[str, Part | int]
+
+    def size(self) -> int:
+        """How many numbers it has."""
+        return sum(field if isinstance(field, int) else field.size() for field in self.fields.values())
+
+
+@dataclass(frozen=True)
+class FlatForm:
+    """A stamped message type, and how a core value becomes its numbers and comes back."""
+
+    body: Part
+    flatten: Callable[[Any], Flat]
+    restore: Callable[[Flat], Any]
+    names: tuple[str, ...] = ()  # fields between header and numbers
+
+    @cached_property
+    def size(self) -> int:
+        """How many numbers the message has."""
+        return self.body.size()
+
+    def encode(self, make: Make, value: Any) -> Any:
+        """The message."""
+        flat = self.flatten(value)
+        names = dict(zip(self.names, flat.names[1:], strict=True))
+        fields = _fields(make, self.body, flat.values)
+        return make(self.body.msgtype, header=header(make, flat.t_ns, flat.names[0]), **names, **fields)
+
+    def decode(self, msg: Any, _received_ns: int = 0) -> Any:
+        """From a message."""
+        names = (msg.header.frame_id, *(getattr(msg, name) for name in self.names))
+        return self.restore(Flat(stamp_ns(msg), names, np.array([*_numbers(self.body, msg)])))
+
+    def pack(self, value: Any) -> bytes:
+        """CDR bytes."""
+        flat = self.flatten(value)
+        return _STAMP.pack(_LITTLE_ENDIAN, *divmod(flat.t_ns, _SECOND)) + _packed(flat.names) + flat.values.tobytes()
+
+    def unpack(self, data: bytes) -> Any:
+        """From CDR bytes; None when they have another layout than expected, so that a general decoder must look."""
+        try:
+            flat = self._unpacked(data)
+        except (struct.error, UnicodeDecodeError):
+            return None
+        return None if flat is None else self.restore(flat)
+
+    def _unpacked(self, data: bytes) -> Flat | None:
+        kind, sec, nanosec = _STAMP.unpack_from(data)
+        at, names = _STAMP.size, []
+        for _ in range(1 + len(self.names)):
+            at += -at % 4
+            (length,) = _LENGTH.unpack_from(data, at)
+            at += _LENGTH.size + length
+            names.append(data[at - length : at - 1].decode())
+        at += (4 - at) % 8
+        if kind != _LITTLE_ENDIAN or len(data) != at + 8 * self.size:
+            return None
+        values = np.frombuffer(data, "<f8", self.size, at).copy()  # a copy is aligned
+        return Flat(_set(sec * _SECOND + nanosec), tuple(names), values)
+
+
+def header(make: Make, t_ns: int, frame_id: str) -> Any:
+    """std_msgs/Header."""
+    sec, nanosec = divmod(t_ns, _SECOND)
+    stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
+
+
+def stamp_ns(msg: Any) -> int:
+    """The header's stamp in nanoseconds; zero means that nobody set it."""
+    return _set(int(msg.header.stamp.sec) * _SECOND + int(msg.header.stamp.nanosec))
+
+
+def _set(t_ns: int) -> int:
+    if t_ns <= 0:
+        raise ValueError(f"header.stamp must be set, got {t_ns} ns")
+    return t_ns
+
+
+def _fields(make: Make, part: Part, values: Array) -> dict[str, Any]:
+    made, at = {}, 0
+    for name, field in part.fields.items():
+        size = field if isinstance(field, int) else field.size()
+        own = values[at : at + size]
+        if isinstance(field, Part):
+            made[name] = make(field.msgtype, **_fields(make, field, own))
+        else:
+            made[name] = own if size > 1 else float(own[0])
+        at += size
+    return made
+
+
+def _numbers(part: Part, msg: Any) -> Iterator[float]:
+    for name, field in part.fields.items():
+        value = getattr(msg, name)
+        if isinstance(field, Part):
+            yield from _numbers(field, value)
+        elif field > 1:
+            yield from value.tolist()
+        else:
+            yield value
+
+
+@lru_cache(maxsize=256)
+def _packed(names: tuple[str, ...]) -> bytes:
+    """Strings as they follow a stamp, up to the first number."""
+    data = b""
+    for name in names:
+        text = name.encode() + b"\0"
+        data += bytes(-len(data) % 4) + _LENGTH.pack(len(text)) + text
+    return data + bytes(-len(data) % 8)
+
+
+_SECOND = 1_000_000_000
+_LITTLE_ENDIAN = b"\0\1\0\0"  # the encapsulation; alignment counts from its end
+_STAMP = struct.Struct("<4siI")
+_LENGTH = struct.Struct("<I")
