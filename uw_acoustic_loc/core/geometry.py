@@ -49,7 +49,7 @@ def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Array:
 
 def rpy_from_quat(quat_xyzw: Array) -> tuple[float, float, float]:
     """Roll, pitch, yaw of a unit quaternion."""
-    x, y, z, w = (float(q) for q in quat_xyzw)
+    x, y, z, w = quat_xyzw.tolist()
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

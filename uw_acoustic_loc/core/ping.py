@@ -110,7 +110,7 @@ class PingDetector:
         left, window = level - self._floor, sums.size - level.size
         left[:done] = -math.inf
         found = []
-        while left[k := int(np.argmax(left))] > threshold:
+        while left[k := int(left.argmax())] > threshold:
             whole = 0 < k < level.size - 1 and level[k - 1] <= level[k]
             if whole and self._lasts(sums, k, window, threshold):
                 found.append(k)
@@ -120,10 +120,9 @@ class PingDetector:
 
     def _lasts(self, sums: Array, start: int, window: int, threshold: float) -> bool:
         count = min(_PARTS, window)
-        edges = [start + k * window // count for k in range(count + 1)]
-        at = sums[edges].tolist()
-        parts = sorted((at[k + 1] - at[k]) / (edges[k + 1] - edges[k]) for k in range(count))
-        half = parts[: count // 2]
+        edges = [k * window // count for k in range(count + 1)]
+        at = [sums.item(start + edge) for edge in edges]
+        half = sorted([(at[k + 1] - at[k]) / (edges[k + 1] - edges[k]) for k in range(count)])[: count // 2]
         return bool(sum(half) / len(half) - self._floor > _LASTING * threshold)
 
 
@@ -135,14 +134,16 @@ def log_energies(envelopes: Envelopes) -> AnyArray:
 
 def _means(log_energy: AnyArray, window: int) -> tuple[Array, Array]:
     """(m + 1,) running sums, and (m + 1 - window,) means of the windows that start at each sample."""
-    sums = np.concatenate([[0.0], np.cumsum(log_energy, dtype=np.float64)])
+    sums = np.zeros(log_energy.size + 1)
+    np.cumsum(log_energy, dtype=np.float64, out=sums[1:])
     return sums, (sums[window:] - sums[:-window]) / window
 
 
 def _onset(sums: Array, start: int, window: int) -> int:
     """The steepest rise near the strongest window: echoes pull the window late, the rise is the direct path's."""
     half = window // 2
-    k = np.arange(max(half, start - half), min(sums.size - 1 - half, start + half // 2) + 1)
-    if k.size == 0:
+    first, last = max(half, start - half), min(sums.size - 1 - half, start + half // 2) + 1
+    if first >= last:
         return start
-    return int(k[np.argmax(sums[k + half] - 2 * sums[k] + sums[k - half])])
+    rise = sums[first + half : last + half] - 2 * sums[first:last] + sums[first - half : last - half]
+    return first + int(rise.argmax())

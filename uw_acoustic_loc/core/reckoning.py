@@ -54,6 +54,8 @@ class Reckoning:
 
     def to_odom(self, fix: Fix) -> Fix:
         """A fix of this frame in odom as it is now."""
+        if not self.jumps:
+            return fix
         rotation = self._back
         return Fix(self.points_to_odom(fix.mean[:, None])[:, 0], rotation @ fix.cov @ rotation.T)
 

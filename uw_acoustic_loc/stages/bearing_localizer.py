@@ -119,7 +119,7 @@ class BearingLocalizerStage:
             return np.zeros((2, 2))
         dx, dy = point - odometry.position[:2]
         J = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]])
-        return np.asarray(J @ odometry.pose_cov[np.ix_(_PLANAR, _PLANAR)] @ J.T)
+        return np.asarray(J @ odometry.pose_cov[_PLANAR] @ J.T)
 
     def _cloud(self, name: str, t_ns: int, z: float) -> Iterator[Emission]:
         estimator = self._sources[name].sides[0].estimator
@@ -159,7 +159,7 @@ def _position(t_ns: int, fix: Fix, z: float) -> Position:
     return Position(t_ns, np.array([*fix.mean, z]), cov, "odom")
 
 
-_PLANAR = [0, 1, 5]  # x, y, yaw
+_PLANAR = np.ix_([0, 1, 5], [0, 1, 5])  # x, y, yaw
 _NEWS_NS = 30_000_000_000  # how long a fault of odometry is told
 _CLOUD_SIZE = 200
 _CLOUD_PERIOD_NS = 500_000_000
