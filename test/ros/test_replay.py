@@ -13,8 +13,12 @@ import yaml
 from test.ros.conftest import uwloc
 from uw_acoustic_loc.bag.fingerprint import fingerprints
 from uw_acoustic_loc.bag.reader import Bag
+from uw_acoustic_loc.bag.remap import RemappedBag
 from uw_acoustic_loc.bag.types import deserialize
+from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.resources import resource
+from uw_acoustic_loc.ros import sync
+from uw_acoustic_loc.ros.replay import replay_books
 
 REPO = Path(__file__).parents[2]
 HARBOUR = resource("config/harbour")
@@ -55,6 +59,8 @@ def check_runs(bag: Path, out: Path, rates: Sequence[int], limit_s: float = 120.
     for arguments in runs.values():
         done = uwloc(*arguments, limit_s=limit_s)
         assert done.returncode == 0, done.stderr
+        if "replay" in arguments:
+            assert "/auv1/imu/data: " in done.stderr and "LOST" not in done.stderr
     found = {name: fingerprints(Bag(out / name)) for name in runs}
     assert len(found["process 1"]) >= 12
     for name, hashes in found.items():
@@ -84,6 +90,62 @@ def test_both_whales_are_found_or_their_mirror_images(domain: int, tmp_path: Pat
         # one hypothesis on each side of the track, each within 250 m of the published fix of its side
         for fix in fixes:
             assert min(np.hypot(*(end - fix)) for end in ends) < 250.0
+
+
+def test_topics_of_another_name_feed_the_graph(domain: int, measured: Path, tmp_path: Path) -> None:
+    theirs, ours = "/their/offsets", "/mooring/buoy1/offset"
+    with BagWriter(tmp_path / "theirs") as writer:
+        for record in Bag(measured).records([ours]):
+            writer.add_topic(theirs, record.msgtype)
+            writer.write(theirs, record.t_ns, record.data)
+    (tmp_path / "graph.yaml").write_text("nodes: [{executable: mooring_tracker, params: params.yaml}]")
+    (tmp_path / "params.yaml").write_text("mooring_tracker: {ros__parameters: {mooring_ids: [buoy1]}}")
+    given = ("--graph", tmp_path / "graph.yaml", "--remap", f"{theirs}:={ours}")
+    live = uwloc("replay", tmp_path / "theirs", *given, "--rate", 0, "-o", tmp_path / "live")
+    offline = uwloc("process", tmp_path / "theirs", *given, "-o", tmp_path / "offline", "--keep-inputs")
+    assert (live.returncode, offline.returncode) == (0, 0), live.stderr + offline.stderr
+    assert f"{ours}: 21 out, 21 in /mooring_tracker" in live.stderr
+    expected, got = fingerprints(Bag(tmp_path / "offline")), fingerprints(Bag(tmp_path / "live"))
+    assert got["/mooring/buoy1/odometry"] == expected["/mooring/buoy1/odometry"]
+    assert expected[ours].count == 21, "kept by its new name"
+
+
+def test_books_are_made_of_bags_and_reports(tmp_path: Path) -> None:
+    for name, topics in (("in", ["/a", "/a"]), ("out", ["/b"])):
+        with BagWriter(tmp_path / name) as writer:
+            for k, topic in enumerate(topics, 1):
+                writer.add_topic(topic, "std_msgs/msg/Empty")
+                writer.write(topic, k, b"\0\1\0\0\0")
+    reports = {
+        "/one": {"in": {"/a": {"taken": 1}}, "out": {"/b": {"sent": 2}}},
+        "/two": {"in": {"/b": {"taken": 2}}, "out": {}},
+        "/recorder": {"in": {"/b": {"taken": 2}}, "out": {}, "recorded": {}},
+    }
+    books = replay_books(reports, RemappedBag(Bag(tmp_path / "in"), {}), Bag(tmp_path / "out"))
+    assert [entry.sentence for entry in books if not entry.balanced] == [
+        "/a: 2 out, 1 in /one",
+        "/b: 2 out, 1 in the new bag",
+    ]
+    assert [entry.sentence for entry in books if entry.balanced] == ["/b: 2 out, 2 in /two"]
+
+
+class Silent:
+    """Stands for the services of a player that hangs."""
+
+    def waiting_for(self) -> list[str]:
+        return []
+
+    def ask(self, names: list[str], finish: bool, timeout_s: float) -> dict[str, Any]:
+        del names, finish, timeout_s
+        return {}
+
+
+def test_a_player_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sync, "_ASK_S", 0.0)
+    watch = sync.PlayerWatch(Silent(), "/player")
+    assert watch.look() == ""
+    monkeypatch.setattr(sync, "_DEAD_S", 0.0)
+    assert watch.look() == "/player has not answered for 0 s"
 
 
 def test_a_bag_without_the_needed_topics_is_refused(domain: int, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from ..stages.runner import Refusal
 from ..wire.codec import codec
 from .pipeline import Pipeline
 from .reader import Bag, Record
+from .remap import RemappedBag
 from .types import decode
 from .writer import BagWriter
 
@@ -17,7 +18,7 @@ from .writer import BagWriter
 class OfflineRun:
     """One bag through one graph into a new bag. `progress` is called with each record's log time."""
 
-    def __init__(self, bag: Bag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
+    def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
         self.pipeline = Pipeline(graph, self._publish, tell)
         self._bag = bag
         self._kinds = self.pipeline.inputs

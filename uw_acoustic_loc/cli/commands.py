@@ -10,12 +10,8 @@ import sys
 import time
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .console import STDERR, NodeLog, progress
-
-if TYPE_CHECKING:
-    from ..stages.runner import Refusal
 
 
 def demo(options: Namespace) -> int:
@@ -62,47 +58,6 @@ def simulate(options: Namespace) -> int:
         counts = run(scenario, options.output, lambda t_ns: bar((t_ns - scenario.start_ns) * 1e-9))
     STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {options.output}")
     return 0
-
-
-def process(options: Namespace) -> int:
-    """Runs estimators on a bag without DDS."""
-    from ..bag.process import OfflineRun
-    from ..bag.reader import Bag
-    from ..graph import load_graph
-
-    bag = Bag(options.bag)
-    tell = _Refusals()
-    run = OfflineRun(bag, load_graph(options.graph), tell)
-    for topic in run.missing:
-        STDERR.print(f"note: the bag has no {topic}")
-    begun = time.monotonic()
-    first, last = bag.span()
-    with progress("process", (last - first) * 1e-9) as bar:
-        counts = run.run(options.output, options.keep_inputs, lambda t_ns: bar((t_ns - first) * 1e-9))
-    seconds = time.monotonic() - begun
-    speed = (last - first) * 1e-9 / max(seconds, 1e-9)
-    STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
-    tell.summary()
-    return damage_code(bag.damage)
-
-
-def replay(options: Namespace) -> int:
-    """Plays a bag to live nodes and records their outputs."""
-    import dataclasses
-
-    from ..bag.reader import Bag
-    from ..graph import load_graph
-    from ..ros.launcher import Launcher, Run
-    from ..ros.replay import player_node, without_drivers
-
-    bag = Bag(options.bag)
-    graph = without_drivers(load_graph(options.graph))
-    player = player_node(graph, options.bag, bag, options.rate)
-    run = Run(record=options.output, extra=(player,), clock=False)
-    code = Launcher(dataclasses.replace(graph, clock_rate=0.0), run, NodeLog()).run()
-    recorded = Bag(options.output)
-    STDERR.print(f"{sum(1 for _ in recorded.records())} messages in {options.output}")
-    return code
 
 
 def score(options: Namespace) -> int:
@@ -190,22 +145,3 @@ def _pair(text: str) -> tuple[int, int]:
     if len(parts) != 2 or not all(part.strip().isdecimal() for part in parts):
         raise ValueError(f"--channels must be two numbers such as 0,1, got {text!r}")
     return int(parts[0]), int(parts[1])
-
-
-class _Refusals:
-    """Says the first refusal of each kind, counts the rest."""
-
-    def __init__(self) -> None:
-        self._counts: dict[tuple[str, str], int] = {}
-
-    def __call__(self, node: str, refusal: Refusal) -> None:
-        key = (node, refusal.topic)
-        self._counts[key] = self._counts.get(key, 0) + 1
-        if self._counts[key] == 1:
-            STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}", markup=False)
-
-    def summary(self) -> None:
-        """How many there were."""
-        for (node, topic), count in self._counts.items():
-            if count > 1:
-                STDERR.print(f"{node}: {count} messages on {topic} were not used", markup=False)

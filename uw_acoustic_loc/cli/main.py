@@ -52,15 +52,16 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--seed", type=int, default=-1, help="instead of the scenario's own")
     simulate.set_defaults(run=commands.simulate)
 
-    process = command.add_parser("process", help="run a graph's estimators on a bag, offline")
-    _bag_and_graph(process)
+    process = command.add_parser("process", help="run a graph's estimators on bags, offline")
+    _bag_and_graph(process, many=True)
+    process.add_argument("--jobs", type=_positive, default=1, metavar="N", help="bags at a time (default %(default)s)")
     process.add_argument("--keep-inputs", action="store_true", help="copy the bag's other topics into the output")
-    process.set_defaults(run=commands.process)
+    process.set_defaults(run=bag_runs.process)
 
     replay = command.add_parser("replay", help="play a bag to a graph's live nodes and record what they say")
     _bag_and_graph(replay)
     replay.add_argument("--rate", type=float, default=1.0, help="x real time; 0 = as fast as the nodes go")
-    replay.set_defaults(run=commands.replay)
+    replay.set_defaults(run=bag_runs.replay)
 
     hashed = command.add_parser("hash", help="a hash per topic of what a bag says, whatever wrote it")
     hashed.add_argument("bag", type=Path, metavar="BAG")
@@ -109,7 +110,18 @@ def _wav(command: Any) -> None:
     wav.set_defaults(run=commands.convert_wav)
 
 
-def _bag_and_graph(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("bag", type=Path, metavar="BAG")
+def _bag_and_graph(parser: argparse.ArgumentParser, many: bool = False) -> None:
+    parser.add_argument("bag", type=Path, metavar="BAG", nargs="+" if many else None)
     parser.add_argument("--graph", type=Path, required=True, metavar="GRAPH.yaml")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT")
+    where = "the bag to be made" + (", or the folder for those of several bags" if many else "")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=where)
+    parser.add_argument(
+        "--remap", action="append", default=[], metavar="FROM:=TO", help="another name for a topic of the bag"
+    )
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise ValueError
+    return number

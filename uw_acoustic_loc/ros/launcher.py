@@ -21,7 +21,7 @@ from ..stages.catalog import STAGES
 from ..wiring import DriverWiring, Wiring, upstream_first, wire
 from .command_line import command_line, recorder_node
 from .processes import USER_ERROR, NodeProcess, SharedMemory
-from .sync import SyncClient, behind, outstanding, unmatched
+from .sync import PlayerWatch, Reports, SyncClient, behind, outstanding, unmatched
 from .types import clock_message
 
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
@@ -69,7 +69,9 @@ class Launcher:
         }
         self._ours = [n.full_name for n in everything if n.executable in (*SOURCES, *STAGES, "recorder")]
         self._processes: dict[str, NodeProcess] = {}
+        self._player = next((node.full_name for node in run.extra if node.executable == "player"), "")
         self._stopped = False
+        self.books: Reports = {}  # what each node had taken and sent at the end
 
     def run(self) -> int:
         """Runs the graph to its end; returns the exit code: 0 when no node failed."""
@@ -122,6 +124,7 @@ class Launcher:
         """Advances /clock (if it is ours) and watches the nodes until the end."""
         rate = self._graph.clock_rate if self._clock else 1.0
         begun, checked = time.monotonic(), 0.0
+        player = PlayerWatch(SyncClient(self._node, self._executor, [self._player]), self._player)
         while not self._stopped:
             now = (time.monotonic() - begun) * rate
             if self._clock and now >= checked + _WINDOW_S:
@@ -132,8 +135,11 @@ class Launcher:
                 begun = max(begun, time.monotonic() - (now + _CATCH_UP_S) / rate)
             elif self._clock:
                 self._tick(now)
+            if self._player and (stuck := player.look()):
+                self._log("launcher", f"{stuck}: stopping")
+                return 1
             if self._run.progress:
-                self._run.progress(now)
+                self._run.progress(player.played_s if self._player else now)
             if (ended := self._watch()) is not None:
                 return ended
             if self._run.duration and now >= self._run.duration:
@@ -183,6 +189,7 @@ class Launcher:
         for name in estimators:
             self._sync.ask([name], finish=True, timeout_s=5.0)
             self._drain()
+        self.books = self._sync.ask(self._steady(), finish=False, timeout_s=5.0)
         others = [name for name in self._processes if name not in (*drivers, *estimators)]
         recorder = [self._recorder.full_name] if self._recorder else []
         for name in (*drivers, *estimators, *[n for n in others if n not in recorder], *recorder):

@@ -20,7 +20,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
 
 from ..bag.reader import Bag, Record
+from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
+from .endpoints import SyncService
 from .parameters import declare, given_parameters
 from .spin import Stop
 from .sync import Reports, SyncClient, outstanding, unmatched
@@ -37,6 +39,7 @@ class PlayerConfig:
     bag: str = param(doc="rosbag2 folder or .mcap file")
     rate: float = param(1.0, unit="x real time", low=0.0, high=1000.0, doc="0 = as fast as the consumers go")
     topics: tuple[str, ...] = param((), doc="topics to play; empty = all")
+    remap: tuple[str, ...] = param((), doc="'theirs ours' pairs: topics of the bag that go by another name")
     consumers: tuple[str, ...] = param((), doc="full names of nodes of this package to wait for")
     timeout: float = param(60.0, unit="s", low=1.0, doc="how long the consumers may take for a window")
 
@@ -49,7 +52,7 @@ class PlayerNode:
         try:
             where = f"node {self.node.get_fully_qualified_name()}"
             self._config = build(PlayerConfig, given_parameters(self.node), where)
-            self._bag = Bag(Path(self._config.bag))
+            self._bag = RemappedBag(Bag(Path(self._config.bag)), remaps(self._config.remap, sign=" "))
         except ValueError as error:
             raise Stop(1, str(error)) from None
         declare(self.node, self._config)
@@ -68,6 +71,8 @@ class PlayerNode:
             if not self._config.topics or topic.name in self._config.topics
         }
         self._sent: Counter[str] = Counter()
+        self._played_s = 0.0  # of the bag
+        SyncService(self.node, self._report, lambda: None)
         self._plan = self._play()
 
     def idle(self) -> float:
@@ -84,6 +89,9 @@ class PlayerNode:
         self._own_executor.shutdown()
         self._service_node.destroy_node()
 
+    def _report(self) -> dict[str, Any]:
+        return {"played_s": self._played_s}
+
     def _play(self) -> Iterator[float]:
         self._await(self._unmatched, "the nodes are not connected")
         begun, first_ns = time.monotonic(), 0
@@ -96,6 +104,7 @@ class PlayerNode:
                 self._sent[record.topic] += 1
             self._clock.publish(clock_message(window[-1].t_ns))
             self._await(self._outstanding, "messages were not processed")
+            self._played_s = (window[-1].t_ns - first_ns) * 1e-9
             yield 0.0
         for damage in self._bag.damage:
             self.node.get_logger().error(damage)

@@ -1,15 +1,19 @@
-"""How a graph is replayed: the bag stands in for the drivers, and the player waits for the estimators."""
+"""How a graph is replayed: the bag stands in for the drivers, and the books must balance."""
 
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from ..bag.reader import Bag
+from ..bag.remap import RemappedBag, remaps
 from ..graph import Graph, GraphNode
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
 from ..wiring import upstream_first, wire
+from .sync import Reports
 
 
 def without_drivers(graph: Graph) -> Graph:
@@ -17,8 +21,8 @@ def without_drivers(graph: Graph) -> Graph:
     return dataclasses.replace(graph, nodes=tuple(n for n in graph.nodes if n.executable not in SOURCES))
 
 
-def player_node(graph: Graph, path: Path, bag: Bag, rate: float) -> GraphNode:
-    """The player of all topics that no node of the graph publishes itself.
+def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str]) -> GraphNode:
+    """The player of all topics that no node of the graph publishes itself; `pairs` are `theirs:=ours`.
 
     Raises:
         ValueError: the bag has none of the topics that the graph needs.
@@ -27,13 +31,48 @@ def player_node(graph: Graph, path: Path, bag: Bag, rate: float) -> GraphNode:
     outputs = {topic for wiring in wirings for topic in wiring.outputs}
     needed = {topic for wiring in wirings for topic in wiring.inputs} - outputs
     if needed and not needed & set(bag.topics):
-        raise ValueError(f"bag {path} has none of the topics that the graph needs: {', '.join(sorted(needed))}")
+        raise ValueError(f"bag {bag.path} has none of the topics that the graph needs: {', '.join(sorted(needed))}")
     topics = sorted(needed & set(bag.topics)) if needed else sorted(set(bag.topics) - outputs)
     consumers = [w.node.full_name for w in wirings if w.node.executable in STAGES]
     params = {
-        "bag": path.resolve(),
+        "bag": bag.path.resolve(),
         "rate": float(rate),
         "topics": f"[{', '.join(topics)}]",
         "consumers": f"[{', '.join([*consumers, '/recorder'])}]",
     }
+    if pairs:
+        params["remap"] = f"[{', '.join(f'{old} {new}' for old, new in remaps(pairs).items())}]"
     return GraphNode("player", "player", "/", None, {}, params)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A topic's messages on their way from a writer to a reader."""
+
+    topic: str
+    written: int
+    reader: str
+    read: int
+
+    @property
+    def balanced(self) -> bool:
+        """Nothing was lost, nothing came twice."""
+        return self.written == self.read
+
+    @property
+    def sentence(self) -> str:
+        """For example `/odometry: 200 out, 200 in /bearing`."""
+        return f"{self.topic}: {self.written} out, {self.read} in {self.reader}"
+
+
+def replay_books(reports: Reports, played: RemappedBag, recorded: Bag) -> list[Entry]:
+    """What the bag holds against what the nodes took, and what they sent against what the recorded bag holds."""
+    nodes = {name: report for name, report in reports.items() if "recorded" not in report}
+    taken = sorted((t, name, seen["taken"]) for name, report in nodes.items() for t, seen in report["in"].items())
+    sent: Counter[str] = Counter()
+    for report in nodes.values():
+        sent.update({topic: out["sent"] for topic, out in report["out"].items()})
+    written = sent + Counter(record.topic for record in played.records({t for t, _, _ in taken} - set(sent)))
+    kept = Counter(record.topic for record in recorded.records([*sent]))
+    inputs = [Entry(topic, written[topic], name, count) for topic, name, count in taken]
+    return [*inputs, *(Entry(topic, sent[topic], "the new bag", kept[topic]) for topic in sorted(sent))]

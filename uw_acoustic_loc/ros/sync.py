@@ -51,6 +51,28 @@ class SyncClient:
             self._executor.spin_once(timeout_sec=0.005)
 
 
+class PlayerWatch:
+    """How far a player has come, and whether it still lives: it answers between any two windows of messages."""
+
+    def __init__(self, client: SyncClient, name: str) -> None:
+        self._client, self._name = client, name
+        self._asked = self._heard = time.monotonic()
+        self.played_s = 0.0
+
+    def look(self) -> str:
+        """Asks once in a while; what is wrong, or nothing."""
+        now = time.monotonic()
+        if now - self._asked > _ASK_S and not self._client.waiting_for():
+            answer = self._client.ask([self._name], finish=False, timeout_s=0.2).get(self._name)
+            self._asked = time.monotonic()
+            if answer is not None:
+                self._heard, self.played_s = self._asked, answer["played_s"]
+        return f"{self._name} has not answered for {_DEAD_S:g} s" if now - self._heard > _DEAD_S else ""
+
+
+_ASK_S = 0.5
+_DEAD_S = 180.0  # it waits a minute for nodes that do not follow, and then says so itself
+
 Reports = Mapping[str, Mapping[str, Any]]
 
 

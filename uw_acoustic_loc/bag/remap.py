@@ -1,0 +1,69 @@
+"""A bag whose topics go by other names, so that a recording of somebody else's feeds the stages of a graph."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from .reader import Bag, Record, Topic
+
+
+class RemappedBag:
+    """`bag` with its topics renamed; names that are not mentioned stay.
+
+    Raises:
+        ValueError: the bag has no such topic, or two topics would have one name.
+    """
+
+    def __init__(self, bag: Bag, names: Mapping[str, str]) -> None:
+        self._bag = bag
+        self._new = {name: names.get(name, name) for name in bag.topics}
+        self._old = {new: old for old, new in self._new.items()}
+        if unknown := sorted(set(names) - set(bag.topics)):
+            have = ", ".join(sorted(bag.topics)) or "none"
+            raise ValueError(f"bag {bag.path} has no topic {unknown[0]} to be renamed, it has {have}")
+        for old, new in self._new.items():
+            if self._old[new] != old:
+                raise ValueError(f"bag {bag.path}: {old} and {self._old[new]} would both be {new}")
+
+    @property
+    def path(self) -> Path:
+        """Of the bag."""
+        return self._bag.path
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read, one sentence each."""
+        return self._bag.damage
+
+    @property
+    def topics(self) -> dict[str, Topic]:
+        """By their new names."""
+        return {
+            self._new[old]: dataclasses.replace(topic, name=self._new[old]) for old, topic in self._bag.topics.items()
+        }
+
+    def span(self) -> tuple[int, int]:
+        """Log times of the first and the last message in ns."""
+        return self._bag.span()
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
+        """Messages, of `topics` (new names) only when given, in the order of their log times."""
+        wanted = None if topics is None else [self._old[name] for name in topics if name in self._old]
+        for record in self._bag.records(wanted):
+            new = self._new[record.topic]
+            yield record if new == record.topic else dataclasses.replace(record, topic=new)
+
+
+def remaps(pairs: Sequence[str], sign: str = ":=") -> dict[str, str]:
+    """New names by old ones, from pairs such as `/theirs:=/ours`; ValueError for anything else."""
+    found: dict[str, str] = {}
+    for pair in pairs:
+        old, _, new = pair.partition(sign)
+        if not (old.startswith("/") and new.startswith("/")):
+            raise ValueError(f"a renaming must be two full topic names as in /theirs{sign}/ours, got '{pair}'")
+        if old in found:
+            raise ValueError(f"{old} is renamed twice")
+        found[old] = new
+    return found
