@@ -2,7 +2,7 @@
 
 The bag is the harbour scenario's: two hydrophones at 100 kHz, IMU at 100 Hz, three pingers of 10 pings/s, four buoys, a
 sonar net and a mooring. Estimators that take what others publish get it from a bag made by the whole chain. Time is the
-processor time of this one process, writing the bag included, the least of a few runs: a busy machine can only add to it.
+processor time of this one process, writing the bag included, the least of a few runs: a busy machine only adds to it.
 """
 
 from __future__ import annotations
@@ -36,9 +36,8 @@ def main() -> int:
         simulate(scenario, folder / "measured", lambda _t_ns: None)
         processor_time(folder / "measured", graph, folder / "whole", keep=True)
         whole = min(processor_time(folder / "measured", graph, folder / f"again{k}") for k in range(RUNS))
-        print(
-            f"## Offline: {scenario.duration:g} s of the harbour, times real time\n\n| | s | speed | goal |\n|---|---|---|---|"
-        )
+        print(f"## Offline: {scenario.duration:g} s of the harbour, times real time\n")
+        print("| | s | speed | goal |\n|---|---|---|---|")
         for node in (node for node in graph.nodes if node.executable in STAGES):
             alone = dataclasses.replace(graph, nodes=(node,))
             line(node.executable, processor_time(folder / "whole", alone, folder / node.name), scenario.duration)
