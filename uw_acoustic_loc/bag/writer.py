@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -57,15 +58,14 @@ class BagWriter:
         text, type_hash = definition(msgtype)
         if msgtype not in self._schemas:
             self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", text.encode())
-        qos = [_qos(latched)]
         self._channels[name] = self._writer.register_channel(
-            name, "cdr", self._schemas[msgtype], {"offered_qos_profiles": yaml.safe_dump(qos, sort_keys=False)}
+            name, "cdr", self._schemas[msgtype], {"offered_qos_profiles": _qos_text(latched)}
         )
         described = {
             "name": name,
             "type": msgtype,
             "serialization_format": "cdr",
-            "offered_qos_profiles": qos,
+            "offered_qos_profiles": [_qos(latched)],
             "type_description_hash": type_hash,
         }
         self._topics[name] = {"topic_metadata": described, "message_count": 0}
@@ -106,6 +106,11 @@ class BagWriter:
             "ros_distro": "jazzy",
         }
         return {"rosbag2_bagfile_information": about}
+
+
+@cache
+def _qos_text(latched: bool) -> str:
+    return str(yaml.safe_dump([_qos(latched)], sort_keys=False))
 
 
 def _qos(latched: bool) -> dict[str, Any]:

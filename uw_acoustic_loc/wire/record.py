@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -73,7 +73,7 @@ def fields(rows: AnyArray) -> list[dict[str, Any]]:
 
 
 def unpack(name: str, msg: Any) -> dict[str, AnyArray]:
-    """Columns of a PointCloud2 message, as views of its data.
+    """Columns of a PointCloud2 message, each in one piece: steps through rows would slow every use of them.
 
     Raises:
         ValueError: a column is missing or has another type, or the data do not have the length that they declare.
@@ -86,15 +86,18 @@ def unpack(name: str, msg: Any) -> dict[str, AnyArray]:
     data = msg.data
     if len(data) != rows * msg.point_step:
         raise ValueError(f"{name}: data must have {rows} x {msg.point_step} bytes, got {len(data)}")
-    kinds = [_NUMPY[given[column].datatype] for column, _ in plan.columns]
-    table: Any = {
-        "names": [column for column, _ in plan.columns],
-        "formats": [kind.newbyteorder(">" if msg.is_bigendian else "<") for kind in kinds],
-        "offsets": [given[column].offset for column, _ in plan.columns],
-        "itemsize": msg.point_step,
-    }
-    view = np.frombuffer(data, dtype=np.dtype(table), count=rows)
-    return {column: view[column] for column, _ in plan.columns}
+    kinds = tuple((column, given[column].datatype, given[column].offset) for column, _ in plan.columns)
+    view = np.frombuffer(data, dtype=_table(kinds, msg.is_bigendian, msg.point_step), count=rows)
+    return {column: np.ascontiguousarray(view[column]) for column, _ in plan.columns}
+
+
+@lru_cache(maxsize=64)
+def _table(kinds: tuple[tuple[str, int, int], ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
+    """The dtype of a row: names, types and offsets of its columns."""
+    names, codes, offsets = zip(*kinds, strict=True)
+    formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for code in codes]
+    table: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": step}
+    return np.dtype(table)  # type: ignore[no-any-return]
 
 
 def _check(record: str, column: str, allowed: tuple[str, ...], field: Any, step: int) -> None:
