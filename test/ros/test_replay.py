@@ -132,6 +132,9 @@ def test_books_are_made_of_bags_and_reports(tmp_path: Path) -> None:
 class Silent:
     """Stands for the services of a player that hangs."""
 
+    def __init__(self, *_given: Any) -> None:
+        pass
+
     def waiting_for(self) -> list[str]:
         return []
 
@@ -142,7 +145,8 @@ class Silent:
 
 def test_a_player_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sync, "_ASK_S", 0.0)
-    watch = sync.PlayerWatch(Silent(), "/player")
+    monkeypatch.setattr(sync, "SyncClient", Silent)
+    watch = sync.PlayerWatch(None, None, "/player")
     assert watch.look() == ""
     monkeypatch.setattr(sync, "_DEAD_S", 0.0)
     assert watch.look() == "/player has not answered for 0 s"

@@ -124,7 +124,7 @@ class Launcher:
         """Advances /clock (if it is ours) and watches the nodes until the end."""
         rate = self._graph.clock_rate if self._clock else 1.0
         begun, checked = time.monotonic(), 0.0
-        player = PlayerWatch(SyncClient(self._node, self._executor, [self._player]), self._player)
+        player = PlayerWatch(self._node, self._executor, self._player) if self._player else None
         while not self._stopped:
             now = (time.monotonic() - begun) * rate
             if self._clock and now >= checked + _WINDOW_S:
@@ -135,11 +135,11 @@ class Launcher:
                 begun = max(begun, time.monotonic() - (now + _CATCH_UP_S) / rate)
             elif self._clock:
                 self._tick(now)
-            if self._player and (stuck := player.look()):
+            if player and (stuck := player.look()):
                 self._log("launcher", f"{stuck}: stopping")
                 return 1
             if self._run.progress:
-                self._run.progress(player.played_s if self._player else now)
+                self._run.progress(player.played_s if player else now)
             if (ended := self._watch()) is not None:
                 return ended
             if self._run.duration and now >= self._run.duration:

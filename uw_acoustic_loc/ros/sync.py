@@ -54,8 +54,8 @@ class SyncClient:
 class PlayerWatch:
     """How far a player has come, and whether it still lives: it answers between any two windows of messages."""
 
-    def __init__(self, client: SyncClient, name: str) -> None:
-        self._client, self._name = client, name
+    def __init__(self, node: Node, executor: Executor, name: str) -> None:
+        self._client, self._name = SyncClient(node, executor, [name]), name
         self._asked = self._heard = time.monotonic()
         self.played_s = 0.0
 
