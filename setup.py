@@ -49,7 +49,9 @@ setup(
         "rich>=13,<16",
         "matplotlib>=3.6,<4",
         "rosbags>=0.10,<1",
-        "mcap>=1.1,<2",
+        "mcap>=1.5,<2",
+        "lz4>=3",  # these two: what mcap compresses with
+        "zstandard>=0.20",
     ],
     extras_require={
         # rclpy and the standard messages, for machines without a ROS 2 distribution

@@ -1,199 +1,152 @@
-"""Reads bags: rosbag2 folders or single files, MCAP by the mcap library, sqlite3 by rosbags.
+"""Reads bags: rosbag2 folders or single files, MCAP or sqlite3, whole, split, compressed or damaged.
 
-A damaged MCAP file is read as far as it goes; `Bag.damage` then says where reading stopped.
+Everything that can be read is read; `Bag.damage` then says in one sentence per file what could not.
 """
 
 from __future__ import annotations
 
-import sqlite3
-import struct
+import heapq
+import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import yaml
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+import zstandard
 
+from .mcap_file import MAGIC, McapFile
+from .sqlite_file import MAGIC as SQLITE_MAGIC
+from .sqlite_file import SqliteFile
+from .stored import ZSTD_MAGIC, Damage, Record, Topic
 
-@dataclass(frozen=True)
-class Record:
-    """A message as it stands in the bag."""
+__all__ = ["Bag", "Record", "Topic"]
 
-    topic: str
-    msgtype: str
-    t_ns: int  # log time
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic of the bag."""
-
-    name: str
-    msgtype: str
-    latched: bool
+_SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 
 class Bag:
     """A bag at `path`: a rosbag2 folder (with or without metadata.yaml) or a file.
 
     Raises:
-        ValueError: there is nothing at `path`, or it holds no bag.
+        ValueError: there is nothing at `path`, it holds no bag, or none of its topics is encoded as cdr.
     """
 
     def __init__(self, path: Path) -> None:
         if not path.exists():
             raise ValueError(f"bag {path} does not exist")
         self.path = path
-        self.damage: list[str] = []
-        self._files = _files(path)
-        self.topics = {topic.name: topic for file in self._files for topic in _topics(file)}
+        self._notes: list[str] = []
+        self._scratch = TemporaryDirectory(prefix="uwloc_")  # of compressed files, as long as this object lives
+        listed = self._listed()
+        self._damage = [Damage(file) for file in listed]
+        self._files = [self._open(file, damage) for file, damage in zip(listed, self._damage, strict=True)]
+        topics = {topic.name: topic for file in self._files for topic in file.topics}
+        self.topics = {name: topic for name, topic in topics.items() if topic.encoding == "cdr"}
+        self.refused = {name: topic for name, topic in topics.items() if topic.encoding != "cdr"}
+        if self.refused and not self.topics:
+            raise ValueError(f"bag {path}: {self._refusal(next(iter(self.refused)))}")
+
+    @property
+    def damage(self) -> list[str]:
+        """What could not be read, so far: complete when `records` has come to its end."""
+        return [*self._notes, *(sentence for damage in self._damage for sentence in damage.sentences)]
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """MCAP's metadata records by name."""
+        return {name: record for file in self._files for name, record in file.metadata.items()}
 
     def span(self) -> tuple[int, int]:
         """Log times of the first and the last message in ns, as far as the files tell; equal when they do not."""
-        spans = [span for file in self._files if (span := _span(file))]
+        spans = self._spans()
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Messages (of `topics` only, when given) in the order of their log times, file by file."""
-        for file in self._files:
-            yield from _read(file, topics, self.damage)
+        """Messages (of `topics` only, when given) in the order of their log times."""
+        for name in self.refused:
+            if topics is None or name in topics:
+                self._note(f"bag {self.path}: {self._refusal(name)}")
+        wanted = None if topics is None else set(topics)
+        streams = [file.records(wanted) for file in self._files]
+        if all(before[1] <= after[0] for before, after in pairwise(self._spans())):
+            for stream in streams:
+                yield from stream
+        else:
+            yield from heapq.merge(*streams, key=lambda record: record.t_ns)
 
+    def _spans(self) -> list[tuple[int, int]]:
+        return [span for file in self._files if (span := file.span())]
 
-def _files(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path]
-    listed = path / "metadata.yaml"
-    if listed.exists():
+    def _refusal(self, name: str) -> str:
+        return f"topic {name} is encoded as '{self.refused[name].encoding}', not cdr: it is not read"
+
+    def _note(self, sentence: str) -> None:
+        if sentence not in self._notes:
+            self._notes.append(sentence)
+
+    def _listed(self) -> list[Path]:
+        if self.path.is_file():
+            return [self.path]
+        beside = sorted((file for file in self.path.iterdir() if file.name.endswith(_SUFFIXES)), key=_by_number)
+        named = self._named()
+        files = [file for name in named if (file := _found(self.path, name))]
+        for name in named:
+            if not _found(self.path, name):
+                self._note(f"bag {self.path}: {name} is listed in metadata.yaml but missing")
+        if not files and not beside:
+            raise ValueError(self._notes[0] if self._notes else f"bag {self.path} holds no .mcap or .db3 file")
+        return files or beside
+
+    def _named(self) -> list[str]:
+        """The files that metadata.yaml lists; none when there is no such list."""
+        listed = self.path / "metadata.yaml"
+        if not listed.exists():
+            return []
         try:
-            about = yaml.safe_load(listed.read_text())["rosbag2_bagfile_information"]
-            files = [path / name for name in about["relative_file_paths"]]
-        except (yaml.YAMLError, KeyError, TypeError):
-            raise ValueError(f"bag {path}: metadata.yaml is not a rosbag2 description") from None
-    else:
-        files = sorted([*path.glob("*.mcap"), *path.glob("*.db3")])
-    if not files:
-        raise ValueError(f"bag {path} holds no .mcap or .db3 file")
-    for file in files:
-        if not file.exists():
-            raise ValueError(f"bag {path}: {file.name} is listed in metadata.yaml but missing")
-    return files
+            about = yaml.safe_load(listed.read_bytes())["rosbag2_bagfile_information"]
+            return [str(name) for name in about["relative_file_paths"]]
+        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+            self._note(f"bag {self.path}: metadata.yaml is not a rosbag2 description; the files beside it are read")
+            return []
+
+    def _open(self, file: Path, damage: Damage) -> McapFile | SqliteFile:
+        with file.open("rb") as stream:
+            start = stream.read(len(SQLITE_MAGIC))
+        name = file.name
+        if start.startswith(ZSTD_MAGIC) or name.endswith(".zstd"):
+            name = name.removesuffix(".zstd")
+            file = self._unpack(file, damage)
+            with file.open("rb") as stream:
+                start = stream.read(len(SQLITE_MAGIC))
+        if start.startswith(SQLITE_MAGIC):
+            return SqliteFile(file, damage, Path(self._scratch.name))
+        if start.startswith(MAGIC) or name.endswith(".mcap"):
+            return McapFile(file, damage)
+        if name.endswith(".db3"):
+            return SqliteFile(file, damage, Path(self._scratch.name))
+        raise ValueError(f"bag {self.path}: {name} is neither an MCAP file nor an SQLite file")
+
+    def _unpack(self, file: Path, damage: Damage) -> Path:
+        """A file that rosbag2 compressed as a whole, unpacked as far as it goes."""
+        target = Path(self._scratch.name) / file.name
+        with file.open("rb") as packed, target.open("wb") as out:
+            unpacking: Any = zstandard.ZstdDecompressor().read_to_iter(packed, read_size=1 << 16)
+            try:
+                for piece in unpacking:
+                    out.write(piece)
+            except zstandard.ZstdError as error:
+                damage.note(f"byte {packed.tell()}", f"it cannot be unpacked further ({error})")
+        return target
 
 
-def _topics(file: Path) -> Iterator[Topic]:
-    if file.suffix == ".db3":
-        for topic, msgtype, qos in _sqlite_topics(file):
-            yield Topic(topic, msgtype, "transient_local" in qos)
-        return
-    for channel, schema in _channels(file):
-        if channel.message_encoding != "cdr":
-            raise ValueError(f"bag {file}: topic {channel.topic} is encoded as '{channel.message_encoding}', not cdr")
-        yield Topic(channel.topic, schema.name if schema else "", _latched(channel))
+def _found(folder: Path, name: str) -> Path | None:
+    """A listed file: in old bags the name begins with the folder's, or leaves out the compression's suffix."""
+    tries = (folder / name, folder / Path(name).name, folder / f"{Path(name).name}.zstd")
+    return next((file for file in tries if file.is_file()), None)
 
 
-def _latched(channel: Channel) -> bool:
-    """Durability is written as a name by new rosbag2, as 1 (transient local) by old."""
-    try:
-        profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or []
-        return any(profile.get("durability") in ("transient_local", 1) for profile in profiles)
-    except (yaml.YAMLError, AttributeError):
-        return False
-
-
-def _channels(file: Path) -> list[tuple[Channel, Schema | None]]:
-    with file.open("rb") as stream:
-        try:
-            summary = SeekingReader(stream).get_summary()
-        except _DAMAGE:
-            summary = None
-    if summary is not None and summary.channels:
-        return [(channel, summary.schemas.get(channel.schema_id)) for channel in summary.channels.values()]
-    found: dict[int, tuple[Channel, Schema | None]] = {}
-    for schema, channel, _message in _prefix(file, []):
-        found[channel.id] = (channel, schema)
-    return list(found.values())
-
-
-def _span(file: Path) -> tuple[int, int] | None:
-    with file.open("rb") as stream:
-        try:
-            summary = SeekingReader(stream).get_summary()
-        except _DAMAGE:
-            return None
-    statistics = summary.statistics if summary else None
-    return (statistics.message_start_time, statistics.message_end_time) if statistics else None
-
-
-_DAMAGE = (McapError, struct.error, EOFError, ValueError, KeyError)
-
-
-def _read(file: Path, topics: Collection[str] | None, damage: list[str]) -> Iterator[Record]:
-    if file.suffix == ".db3":
-        yield from _sqlite_records(file, topics)
-        return
-    for schema, channel, message in _messages(file, topics, damage):
-        if topics is None or channel.topic in topics:
-            yield Record(channel.topic, schema.name if schema else "", message.log_time, message.data)
-
-
-def _messages(
-    file: Path, topics: Collection[str] | None, damage: list[str]
-) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    count = 0
-    with file.open("rb") as stream:
-        try:
-            reader = SeekingReader(stream, validate_crcs=True)
-            summary = reader.get_summary()
-            if summary is None or not summary.chunk_indexes:
-                raise McapError("no index")
-            for item in reader.iter_messages(topics=list(topics) if topics is not None else None):
-                count += 1
-                yield item
-            return
-        except _DAMAGE as error:
-            if count:
-                damage.append(f"bag {file}: reading stopped after {count} messages: {error}")
-                return
-    yield from _prefix(file, damage)
-
-
-def _prefix(file: Path, damage: list[str]) -> Iterator[tuple[Schema | None, Channel, Message]]:
-    """What can be read from the front of a file without an index."""
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    with file.open("rb") as stream:
-        try:
-            for record in StreamReader(stream, validate_crcs=True, record_size_limit=None).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    yield schemas.get(channel.schema_id), channel, record
-        except _DAMAGE as error:
-            damage.append(f"bag {file}: damaged near byte {stream.tell()}: {str(error) or type(error).__name__}")
-
-
-def _sqlite_topics(file: Path) -> Iterator[tuple[str, str, str]]:
-    with sqlite3.connect(f"file:{file}?mode=ro", uri=True) as base:
-        for topic, msgtype, form, qos in base.execute(
-            "SELECT name, type, serialization_format, offered_qos_profiles FROM topics"
-        ):
-            if form != "cdr":
-                raise ValueError(f"bag {file}: topic {topic} is encoded as '{form}', not cdr")
-            yield topic, msgtype, qos
-
-
-def _sqlite_records(file: Path, topics: Collection[str] | None) -> Iterator[Record]:
-    with sqlite3.connect(f"file:{file}?mode=ro", uri=True) as base:
-        rows = base.execute(
-            "SELECT topics.name, topics.type, timestamp, data FROM messages JOIN topics ON topic_id = topics.id"
-            " ORDER BY timestamp"
-        )
-        for topic, msgtype, t_ns, data in rows:
-            if topics is None or topic in topics:
-                yield Record(topic, msgtype, t_ns, data)
+def _by_number(file: Path) -> list[tuple[int, str]]:
+    """bag_2 before bag_10."""
+    return [(int(part) if part.isdigit() else -1, part) for part in re.split(r"(\d+)", file.name)]

@@ -1,0 +1,104 @@
+"""Blocks of an MCAP file: where they lie, how they are unpacked, and the records in them. Layout: mcap.dev/spec."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import IO
+
+import zstandard
+from lz4.frame import LZ4FrameDecompressor
+from mcap.opcode import Opcode
+
+HEAD = struct.Struct("<BQ")  # opcode, length of what follows
+_CHUNK = struct.Struct("<QQQII")  # first and last log time, size and CRC when unpacked, length of compression's name
+_RUN = 1 << 20  # bytes
+
+
+@dataclass(frozen=True)
+class Block:
+    """A chunk, or a run of messages outside of chunks: bytes [begin, end) of the file."""
+
+    begin: int
+    end: int
+    first_ns: int
+    last_ns: int
+    chunk: bool
+    cut: bool = False  # the file ends within it
+
+
+def bytes_at(stream: IO[bytes], begin: int, length: int) -> bytes:
+    """Bytes of a file; fewer where it ends."""
+    stream.seek(begin)
+    return stream.read(length)
+
+
+def known(opcode: int) -> bool:
+    """Whether a record may begin so: 1 to 15 are defined, those from 128 are anybody's own and left out."""
+    return 0 < opcode <= max(Opcode) or opcode >= 0x80
+
+
+def append(blocks: list[Block], block: Block) -> None:
+    """Messages outside of chunks make one block, up to a size."""
+    last = blocks[-1] if blocks else None
+    if last is None or last.chunk or block.chunk or last.end != block.begin or block.end - last.begin > _RUN:
+        blocks.append(block)
+    else:
+        first_ns, last_ns = min(last.first_ns, block.first_ns), max(last.last_ns, block.last_ns)
+        blocks[-1] = Block(last.begin, block.end, first_ns, last_ns, chunk=False)
+
+
+def times(stream: IO[bytes], opcode: int, begin: int) -> tuple[int, int]:
+    """Log times of a chunk or a message."""
+    if opcode == Opcode.CHUNK:
+        first_ns, last_ns = struct.unpack("<QQ", bytes_at(stream, begin, 16).ljust(16, b"\0"))
+        return first_ns, last_ns
+    (t_ns,) = struct.unpack("<Q", bytes_at(stream, begin + 6, 8).ljust(8, b"\0"))
+    return t_ns, t_ns
+
+
+def split(data: bytes, cut: bool = False) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record's content; ValueError for one that does not fit, unless data are cut."""
+    at = 0
+    while at < len(data):
+        opcode, length = HEAD.unpack_from(data, at) if at + HEAD.size <= len(data) else (0, 0)
+        begin, at = at + HEAD.size, at + HEAD.size + length
+        if cut and at > len(data):
+            return
+        if not known(opcode) or at > len(data):
+            raise ValueError(f"a record of kind {opcode} and {length} bytes does not fit into a block of {len(data)}")
+        yield opcode, begin, at
+
+
+def payload_of(record: bytes, cut: bool) -> bytes:
+    """The unpacked records of a chunk; of a cut one, what its part of the data gives.
+
+    Raises:
+        ValueError: no chunk, or its length or CRC is wrong.
+    """
+    if record[:1] != bytes([Opcode.CHUNK]):
+        raise ValueError("no chunk begins here")
+    _, _, size, crc, name_length = _CHUNK.unpack_from(record, HEAD.size)
+    begin = HEAD.size + _CHUNK.size
+    name = record[begin : begin + name_length].decode()
+    (length,) = struct.unpack_from("<Q", record, begin + name_length)
+    packed = record[begin + name_length + 8 :][:length]
+    data = _decompressed(name, packed)
+    if len(data) > size or (len(data) < size and not cut):
+        raise ValueError(f"a chunk must have {size} bytes, got {len(data)}")
+    if crc and len(data) == size and zlib.crc32(data) != crc:
+        raise ValueError("the checksum of a chunk is wrong")
+    return data
+
+
+def _decompressed(name: str, packed: bytes) -> bytes:
+    """As far as `packed` goes."""
+    if name == "zstd":
+        return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+    if name == "lz4":
+        return bytes(LZ4FrameDecompressor().decompress(packed))
+    if name:
+        raise ValueError(f"compression of a chunk must be zstd, lz4 or none, got '{name}'")
+    return packed

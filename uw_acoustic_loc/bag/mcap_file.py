@@ -1,0 +1,241 @@
+"""An MCAP file, read block by block: a damaged block costs its own messages, not those after it.
+
+With an intact summary the blocks are its chunk indexes; without one they are found by walking from record to record,
+until the file ends or a record's length makes no sense.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from bisect import bisect_left
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
+
+from .mcap_blocks import HEAD, Block, append, bytes_at, known, payload_of, split, times
+from .stored import Damage, Record, Topic, full_type, is_latched, unpacked
+
+MAGIC = b"\x89MCAP0\r\n"
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_TAIL = HEAD.size + 20 + len(MAGIC)  # footer and magic
+_DATA_END = HEAD.size + 4
+_PIECE = 1 << 20
+_LAST = (1 << 64) - 1
+_BROKEN = (McapError, struct.error, ValueError, MemoryError, RuntimeError, zstandard.ZstdError)  # lz4: RuntimeError
+
+_Message = tuple[int, int, bytes]  # log time, channel, CDR
+
+
+class McapFile:
+    """The file at `path`; `damage` takes the notes."""
+
+    def __init__(self, path: Path, damage: Damage) -> None:
+        self._path, self._damage = path, damage
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._topics: dict[int, Topic] = {}  # by channel
+        with path.open("rb") as stream:
+            self._size = stream.seek(0, 2)
+            self._told: int | None = None  # messages, by the summary's statistics
+            self._data_end = 0  # where the record of the data's CRC begins
+            if self._size == 0:
+                damage.note("byte 0", "the file is empty")
+            elif bytes_at(stream, 0, len(MAGIC)) != MAGIC:
+                damage.note("byte 0", "an MCAP file does not begin like this")
+            self._blocks = self._indexed(stream) or self._walked(stream)
+            if not self._channels or any(
+                c.schema_id and c.schema_id not in self._schemas for c in self._channels.values()
+            ):
+                for block in self._blocks:
+                    self._parse(stream, block)
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All topics, with or without messages."""
+        return list(self._topics.values())
+
+    def span(self) -> tuple[int, int] | None:
+        """First and last log time in ns, as the file tells."""
+        told = [block for block in self._blocks if block.last_ns]
+        return (min(b.first_ns for b in told), max(b.last_ns for b in told)) if told else None
+
+    def records(self, topics: set[str] | None) -> Iterator[Record]:
+        """Messages in the order of their log times, equal ones as they stand in the file."""
+        blocks = sorted(self._blocks, key=lambda block: block.first_ns)
+        pending: list[_Message] = []
+        count = 0
+        with self._path.open("rb") as stream:
+            for k, block in enumerate(blocks):
+                found = self._parse(stream, block)
+                count += len(found)
+                pending += self._wanted(found, topics)
+                pending.sort(key=lambda message: message[0])
+                until_ns = blocks[k + 1].first_ns if k + 1 < len(blocks) else _LAST + 1
+                ready = bisect_left(pending, until_ns, key=lambda message: message[0])
+                yield from self._as_records(pending[:ready])
+                del pending[:ready]
+            if not self._damage.sentences:
+                self._check_data(stream, count)
+
+    def _wanted(self, messages: list[_Message], topics: set[str] | None) -> Iterator[_Message]:
+        for message in messages:
+            topic = self._topics.get(message[1])
+            if topic is None:
+                self._damage.note(f"log time {message[0]} ns", f"a message of channel {message[1]}, which is unknown")
+            elif topic.encoding == "cdr" and (topics is None or topic.name in topics):
+                yield message
+
+    def _as_records(self, messages: list[_Message]) -> Iterator[Record]:
+        for t_ns, channel, data in messages:
+            topic = self._topics[channel]
+            try:
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data))
+            except ValueError as error:
+                self._damage.note(f"log time {t_ns} ns", f"{topic.name}: {error}")
+
+    # --- where the blocks are ---
+
+    def _indexed(self, stream: IO[bytes]) -> list[Block]:
+        """By the summary, when there is one and it is whole."""
+        tail = bytes_at(stream, max(self._size - _TAIL, 0), _TAIL)
+        if not tail.endswith(MAGIC) or not tail.startswith(HEAD.pack(Opcode.FOOTER, 20)):
+            return []
+        footer = Footer.read(ReadDataStream(BytesIO(tail[HEAD.size :])))
+        begin, end = footer.summary_start, self._size - _TAIL
+        self._data_end = (begin or end) - _DATA_END
+        if begin == 0:
+            return []
+        summary = bytes_at(stream, begin, max(end - begin, 0))
+        if footer.summary_crc and zlib.crc32(summary + tail[:25]) != footer.summary_crc:
+            self._damage.note(f"byte {begin}", "the checksum of the summary is wrong")
+            return []
+        try:
+            return self._summarized(stream, summary)
+        except _BROKEN as error:
+            self._damage.note(f"byte {begin}", f"the summary cannot be read ({_words(error)})")
+            return []
+
+    def _summarized(self, stream: IO[bytes], summary: bytes) -> list[Block]:
+        blocks = []
+        for opcode, begin, end in split(summary):
+            content = ReadDataStream(BytesIO(summary[begin:end]))
+            if opcode == Opcode.CHUNK_INDEX:
+                index = ChunkIndex.read(content)
+                at, length = index.chunk_start_offset, index.chunk_length
+                blocks.append(Block(at, at + length, index.message_start_time, index.message_end_time, chunk=True))
+            elif opcode == Opcode.METADATA_INDEX:
+                place = MetadataIndex.read(content)
+                self._learn(Opcode.METADATA, bytes_at(stream, place.offset, place.length)[HEAD.size :])
+            elif opcode == Opcode.STATISTICS:
+                self._told = Statistics.read(content).message_count
+            else:
+                self._learn(opcode, summary[begin:end])
+        return blocks
+
+    def _walked(self, stream: IO[bytes]) -> list[Block]:
+        """From record to record."""
+        blocks: list[Block] = []
+        at = len(MAGIC)
+        while True:
+            head = bytes_at(stream, at, HEAD.size)
+            opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
+            begin, end = at + HEAD.size, at + HEAD.size + length
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                self._check_tail(at if opcode == Opcode.DATA_END else 0)
+                return blocks
+            if not known(opcode) or end > self._size:
+                self._damage.note(f"byte {min(at, self._size)}", self._end_of_walk(at, opcode))
+                if opcode == Opcode.CHUNK:
+                    blocks.append(Block(at, self._size, *times(stream, opcode, begin), chunk=True, cut=True))
+                return blocks
+            if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
+                append(blocks, Block(at, end, *times(stream, opcode, begin), chunk=opcode == Opcode.CHUNK))
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
+                self._learn_or_note(at, opcode, bytes_at(stream, begin, length))
+            at = end
+
+    def _end_of_walk(self, at: int, opcode: int) -> str:
+        if not known(opcode) and at + HEAD.size <= self._size:
+            return f"no record begins with {opcode}"
+        return f"the file ends at byte {self._size} within a record, or before its end was written"
+
+    def _check_tail(self, data_end: int) -> None:
+        if self._data_end == 0:
+            self._damage.note(f"byte {self._size}", "an MCAP file does not end like this")
+        self._data_end = data_end
+
+    def _check_data(self, stream: IO[bytes], count: int) -> None:
+        """The number of messages, and the CRC over everything before it: what no chunk's own CRC covers."""
+        if self._told not in (None, count):
+            self._damage.note("the messages", f"the summary tells of {self._told}, {count} are found")
+        opcode, _length, expected = struct.unpack("<BQI", bytes_at(stream, self._data_end, _DATA_END).ljust(13, b"\0"))
+        if opcode != Opcode.DATA_END:
+            self._damage.note(f"byte {self._data_end}", "the end of the data is not marked")
+        elif expected:
+            crc, stream_at = 0, 0
+            while stream_at < self._data_end:
+                piece = bytes_at(stream, stream_at, min(_PIECE, self._data_end - stream_at))
+                crc, stream_at = zlib.crc32(piece, crc), stream_at + len(piece)
+            if crc != expected:
+                self._damage.note(f"bytes 0 to {self._data_end}", "the checksum of all data is wrong")
+
+    # --- what stands in them ---
+
+    def _parse(self, stream: IO[bytes], block: Block) -> list[_Message]:
+        """The messages of a block, as far as it can be read."""
+        found: list[_Message] = []
+        try:
+            payload = bytes_at(stream, block.begin, block.end - block.begin)
+            if block.chunk:
+                payload = payload_of(payload, block.cut)
+            for opcode, begin, end in split(payload, block.cut):
+                if opcode == Opcode.MESSAGE:
+                    channel, _, t_ns, _ = _MESSAGE.unpack_from(payload, begin)
+                    if end < begin + _MESSAGE.size:
+                        raise ValueError(f"a message must have {_MESSAGE.size} bytes or more, got {end - begin}")
+                    found.append((t_ns, channel, payload[begin + _MESSAGE.size : end]))
+                else:
+                    self._learn(opcode, payload[begin:end])
+        except _BROKEN as error:
+            self._damage.note(f"byte {block.begin}", _words(error))
+        return found
+
+    def _learn_or_note(self, at: int, opcode: int, content: bytes) -> None:
+        try:
+            self._learn(opcode, content)
+        except _BROKEN as error:
+            self._damage.note(f"byte {at}", _words(error))
+
+    def _learn(self, opcode: int, content: bytes) -> None:
+        """Schemas, channels and metadata."""
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.METADATA:
+            read = Metadata.read(stream)
+            self.metadata[read.name] = read.metadata
+        elif opcode == Opcode.SCHEMA and int.from_bytes(content[:2], "little") not in self._schemas:
+            schema = Schema.read(stream)
+            self._schemas[schema.id] = schema
+            self._topics |= {k: _topic(c, schema) for k, c in self._channels.items() if c.schema_id == schema.id}
+        elif opcode == Opcode.CHANNEL and int.from_bytes(content[:2], "little") not in self._channels:
+            channel = Channel.read(stream)
+            self._channels[channel.id] = channel
+            self._topics[channel.id] = _topic(channel, self._schemas.get(channel.schema_id))
+
+
+def _topic(channel: Channel, schema: Schema | None) -> Topic:
+    latched = is_latched(channel.metadata.get("offered_qos_profiles", ""))
+    text = schema.data.decode(errors="replace") if schema else ""
+    return Topic(channel.topic, full_type(schema.name if schema else ""), latched, channel.message_encoding, text)
+
+
+def _words(error: BaseException) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,106 @@
+"""A bag file of rosbag2's older storage: an SQLite data base with tables `topics` and `messages`."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from .stored import Damage, Record, Topic, full_type, is_latched, unpacked
+
+MAGIC = b"SQLite format 3\0"
+
+
+class SqliteFile:
+    """The file at `path`; `damage` takes the notes, `scratch` a copy of a damaged file."""
+
+    def __init__(self, path: Path, damage: Damage, scratch: Path) -> None:
+        self._damage = damage
+        self._path = self._whole_pages(path, scratch)
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._topics: dict[int, Topic] = {}
+        try:
+            with closing(self._connect()) as base:
+                self._topics = dict(_topics(base))
+        except (sqlite3.Error, ValueError) as error:
+            damage.note("the table of topics", str(error))
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All topics, with or without messages."""
+        return list(self._topics.values())
+
+    def span(self) -> tuple[int, int] | None:
+        """First and last log time in ns."""
+        try:
+            with closing(self._connect()) as base:
+                first, last = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+        except sqlite3.Error:
+            return None
+        return (first, last) if isinstance(first, int) and isinstance(last, int) else None
+
+    def records(self, topics: set[str] | None) -> Iterator[Record]:
+        """Messages in the order of their log times; of a damaged file, those that are found in any order."""
+        given: set[int] = set()
+        for order in ("timestamp, id", "id"):  # the index of times may be damaged where the messages are not
+            try:
+                with closing(self._connect()) as base:
+                    query = f"SELECT id, topic_id, timestamp, data FROM messages ORDER BY {order}"
+                    for row in base.execute(query):
+                        if row[0] not in given:
+                            given.add(row[0])
+                            yield from self._record(topics, *row)
+                return
+            except sqlite3.Error as error:
+                self._damage.note(f"message {len(given) + 1}", str(error))
+
+    def _record(self, topics: set[str] | None, number: int, topic_id: int, t_ns: Any, data: Any) -> Iterator[Record]:
+        topic = self._topics.get(topic_id)
+        if topic is None or not isinstance(t_ns, int) or not isinstance(data, bytes):
+            self._damage.note(f"message {number}", "it has no topic, time or content that can be read")
+        elif topic.encoding == "cdr" and (topics is None or topic.name in topics):
+            try:
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data))
+            except ValueError as error:
+                self._damage.note(f"message {number}", f"{topic.name}: {error}")
+
+    def _whole_pages(self, path: Path, scratch: Path) -> Path:
+        """A copy without the last page when that is cut: SQLite would read what is missing of it as zeros."""
+        with path.open("rb") as stream:
+            header, size = stream.read(32), stream.seek(0, 2)
+        page, count = (int.from_bytes(header[16:18]), int.from_bytes(header[28:32])) if len(header) == 32 else (1, 0)
+        page = 65536 if page == 1 else page
+        self._cut = bool(page) and size < page * count and not _journal(path).exists()
+        if not self._cut:
+            return path
+        self._damage.note(f"byte {size}", f"the file ends here, and must have {page * count} bytes")
+        copy = scratch / f"{path.name}.whole"
+        shutil.copyfile(path, copy)
+        with copy.open("r+b") as stream:
+            stream.truncate(size - size % page)
+        return copy
+
+    def _connect(self) -> sqlite3.Connection:
+        options = "mode=ro" if _journal(self._path).exists() else "mode=ro&immutable=1"
+        base = sqlite3.connect(f"{self._path.resolve().as_uri()}?{options}", uri=True)
+        if self._cut:
+            base.execute("PRAGMA writable_schema=ON")  # else SQLite refuses a file with fewer pages than it should have
+        base.text_factory = lambda raw: raw.decode(errors="replace")
+        return base
+
+
+def _journal(path: Path) -> Path:
+    """Where a recorder that was killed left what is not yet in the file."""
+    return path.with_name(f"{path.name}-wal")
+
+
+def _topics(base: sqlite3.Connection) -> Iterator[tuple[int, Topic]]:
+    columns = {row[1] for row in base.execute("PRAGMA table_info(topics)")}
+    qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"  # bags of 2019 have none
+    for number, name, msgtype, form, profiles in base.execute(
+        f"SELECT id, name, type, serialization_format, {qos} FROM topics"
+    ):
+        yield number, Topic(name, full_type(msgtype), is_latched(profiles), form)
