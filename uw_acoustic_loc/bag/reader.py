@@ -8,7 +8,7 @@ from __future__ import annotations
 import heapq
 import re
 from collections.abc import Collection, Iterator
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -38,6 +38,7 @@ class Bag:
             raise ValueError(f"bag {path} does not exist")
         self.path = path
         self._notes: list[str] = []
+        self._told: int | None = None  # messages, by metadata.yaml
         self._scratch = TemporaryDirectory(prefix="uwloc_")  # of compressed files, as long as this object lives
         listed = self._listed()
         self._damage = [Damage(file) for file in listed]
@@ -70,11 +71,14 @@ class Bag:
                 self._note(f"bag {self.path}: {self._refusal(name)}")
         wanted = None if topics is None else set(topics)
         streams = [file.records(wanted) for file in self._files]
-        if all(before[1] <= after[0] for before, after in pairwise(self._spans())):
-            for stream in streams:
-                yield from stream
-        else:
-            yield from heapq.merge(*streams, key=lambda record: record.t_ns)
+        in_turn = all(before[1] <= after[0] for before, after in pairwise(self._spans()))
+        ordered = chain(*streams) if in_turn else heapq.merge(*streams, key=lambda record: record.t_ns)
+        count = 0
+        for record in ordered:
+            count += 1
+            yield record
+        if wanted is None and not self.damage and self._told not in (None, count):
+            self._note(f"bag {self.path}: metadata.yaml tells of {self._told} messages, {count} are found")
 
     def _spans(self) -> list[tuple[int, int]]:
         return [span for file in self._files if (span := file.span())]
@@ -106,8 +110,9 @@ class Bag:
             return []
         try:
             about = yaml.safe_load(listed.read_bytes())["rosbag2_bagfile_information"]
+            self._told = about.get("message_count")
             return [str(name) for name in about["relative_file_paths"]]
-        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
             self._note(f"bag {self.path}: metadata.yaml is not a rosbag2 description; the files beside it are read")
             return []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -60,6 +61,7 @@ def full_type(name: str) -> str:
     return f"{package}/msg/{rest}" if rest and "/" not in rest else name
 
 
+@cache
 def is_latched(qos: str) -> bool:
     """Whether QoS profiles in YAML keep the last value: a name in new bags, 1 (transient local) in old ones."""
     try:
