@@ -68,9 +68,9 @@ class McapFile:
         told = [block for block in self._blocks if block.last_ns]
         return (min(b.first_ns for b in told), max(b.last_ns for b in told)) if told else None
 
-    def records(self, topics: set[str] | None) -> Iterator[Record]:
-        """Messages in the order of their log times, equal ones as they stand in the file."""
-        blocks = sorted(self._blocks, key=lambda block: block.first_ns)
+    def records(self, topics: set[str] | None, by_time: bool) -> Iterator[Record]:
+        """Messages in the order of their log times, equal ones as they stand in the file; or all as they stand."""
+        blocks = sorted(self._blocks, key=lambda block: block.first_ns if by_time else block.begin)
         pending: list[_Message] = []
         count = 0
         with self._path.open("rb") as stream:
@@ -78,9 +78,11 @@ class McapFile:
                 found = self._parse(stream, block)
                 count += len(found)
                 pending += self._wanted(found, topics)
-                pending.sort(key=lambda message: message[0])
-                until_ns = blocks[k + 1].first_ns if k + 1 < len(blocks) else _LAST + 1
-                ready = bisect_left(pending, until_ns, key=lambda message: message[0])
+                ready = len(pending)
+                if by_time:
+                    pending.sort(key=lambda message: message[0])
+                    until_ns = blocks[k + 1].first_ns if k + 1 < len(blocks) else _LAST + 1
+                    ready = bisect_left(pending, until_ns, key=lambda message: message[0])
                 yield from self._as_records(pending[:ready])
                 del pending[:ready]
             if not self._damage.sentences:

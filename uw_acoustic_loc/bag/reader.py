@@ -40,9 +40,9 @@ class Bag:
         self._notes: list[str] = []
         self._told: int | None = None  # messages, by metadata.yaml
         self._scratch = TemporaryDirectory(prefix="uwloc_")  # of compressed files, as long as this object lives
-        listed = self._listed()
-        self._damage = [Damage(file) for file in listed]
-        self._files = [self._open(file, damage) for file, damage in zip(listed, self._damage, strict=True)]
+        self.files = self._listed()
+        self._damage = [Damage(file) for file in self.files]
+        self._files = [self._open(file, damage) for file, damage in zip(self.files, self._damage, strict=True)]
         topics = {topic.name: topic for file in self._files for topic in file.topics}
         self.topics = {name: topic for name, topic in topics.items() if topic.encoding == "cdr"}
         self.refused = {name: topic for name, topic in topics.items() if topic.encoding != "cdr"}
@@ -64,14 +64,14 @@ class Bag:
         spans = self._spans()
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
 
-    def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Messages (of `topics` only, when given) in the order of their log times."""
+    def records(self, topics: Collection[str] | None = None, by_time: bool = True) -> Iterator[Record]:
+        """Messages (of `topics` only, when given) in the order of their log times, or else as they were recorded."""
         for name in self.refused:
             if topics is None or name in topics:
                 self._note(f"bag {self.path}: {self._refusal(name)}")
         wanted = None if topics is None else set(topics)
-        streams = [file.records(wanted) for file in self._files]
-        in_turn = all(before[1] <= after[0] for before, after in pairwise(self._spans()))
+        streams = [file.records(wanted, by_time) for file in self._files]
+        in_turn = not by_time or all(before[1] <= after[0] for before, after in pairwise(self._spans()))
         ordered = chain(*streams) if in_turn else heapq.merge(*streams, key=lambda record: record.t_ns)
         count = 0
         for record in ordered:

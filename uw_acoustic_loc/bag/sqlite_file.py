@@ -42,10 +42,15 @@ class SqliteFile:
             return None
         return (first, last) if isinstance(first, int) and isinstance(last, int) else None
 
-    def records(self, topics: set[str] | None) -> Iterator[Record]:
-        """Messages in the order of their log times; of a damaged file, those that are found in any order."""
+    def records(self, topics: set[str] | None, by_time: bool) -> Iterator[Record]:
+        """Messages in the order of their log times, or as they were recorded.
+
+        Of a damaged file those come last whose place in the index of times is lost.
+        """
         given: set[int] = set()
-        for order in ("timestamp, id", "id"):  # the index of times may be damaged where the messages are not
+        for order in (
+            ("timestamp, id", "id") if by_time else ("id",)
+        ):  # the index of times may be damaged where the messages are not
             try:
                 with closing(self._connect()) as base:
                     query = f"SELECT id, topic_id, timestamp, data FROM messages ORDER BY {order}"

@@ -95,6 +95,13 @@ def convert_wav(options: Namespace) -> int:
     return 0
 
 
+def info(options: Namespace) -> int:
+    """Says what is in a bag."""
+    from .info import info as run
+
+    return run(options)
+
+
 def reproduce(options: Namespace) -> int:
     """Runs the papers' studies."""
     from .reproduce import reproduce as run

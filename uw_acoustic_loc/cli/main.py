@@ -93,7 +93,15 @@ def _parser() -> argparse.ArgumentParser:
     plan.add_argument("-o", "--output", type=Path, default=Path("out/plan"), metavar="DIR", help="default %(default)s")
     plan.set_defaults(run=commands.plan)
     _wav(command)
+    _checks(command)
     return parser
+
+
+def _checks(command: Any) -> None:
+    info = command.add_parser("info", help="what is in a bag, what is wrong with it, which estimators can use it")
+    info.add_argument("bag", type=Path, metavar="BAG")
+    info.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    info.set_defaults(run=commands.info)
 
 
 def _wav(command: Any) -> None:
