@@ -33,7 +33,7 @@ OUTSIDE = {
     "stages": {"numpy"},
     "wire": {"numpy"},
     "sim": {"numpy", "scipy", "yaml"},
-    "bag": {"numpy", "scipy", "yaml", "mcap", "rosbags"},
+    "bag": {"numpy", "scipy", "yaml", "lz4", "mcap", "zstandard", "rosbags"},
     "cli": {"numpy", "scipy", "yaml", "rich", "matplotlib"},
 }
 

@@ -9,6 +9,7 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from uw_acoustic_loc import __version__
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.types import BagMake, serialize
 from uw_acoustic_loc.bag.writer import BagWriter
@@ -49,7 +50,13 @@ def test_rosbags_and_mcap_read_it(bag: Path) -> None:
     with (bag / "run_0.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages()) == 5000
-        assert next(iter(reader.iter_metadata())).metadata == {"seed": "7"}
+        stored = {record.name: record.metadata for record in reader.iter_metadata()}
+        assert stored["uw_acoustic_loc"] == {"version": __version__, "seed": "7"}
+        assert stored["rosbag2"] == {"ROS_DISTRO": "jazzy"}
+        channel = next(iter(reader.get_summary().channels.values()))
+        assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+        assert reader.get_summary().schemas[channel.schema_id].data.startswith(b"std_msgs/Header header\n")
+    assert Bag(bag).metadata == stored
 
 
 def test_metadata_is_rosbag2s(bag: Path) -> None:

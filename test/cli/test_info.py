@@ -117,10 +117,9 @@ def test_estimators_that_find_their_inputs(tmp_path: Path) -> None:
 
 def test_what_one_estimator_makes_another_can_use(tmp_path: Path) -> None:
     scenario = tmp_path / "scenario.yaml"
-    vehicle = "vehicle: {waypoints: [{x: 0, y: 0}, {x: 9, y: 0}]}"
-    scenario.write_text(
-        f"{{duration: 1.0, {vehicle}, hydrophones: {{}}, pingers: [{{id: a, x: 5.0, y: 5.0, z: -5.0, band_low: 18000.0, band_high: 24000.0}}]}}"
-    )
+    vehicle = "vehicle: {waypoints: [{x: 0, y: 0}, {x: 9, y: 0}]}, hydrophones: {}"
+    pinger = "{id: a, x: 5.0, y: 5.0, z: -5.0, band_low: 18000.0, band_high: 24000.0}"
+    scenario.write_text(f"{{duration: 1.0, {vehicle}, pingers: [{pinger}]}}")
     assert main(["simulate", str(scenario), "-o", str(tmp_path / "bag")]) == 0
     found = {use.estimator: use for use in uses(survey(Bag(tmp_path / "bag")))}
     assert found["bearing_localizer"].after == {"sources/<id>/bearing": "bearing"}

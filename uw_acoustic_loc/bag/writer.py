@@ -2,25 +2,37 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 import yaml
-from mcap.writer import CompressionType, Writer
+from mcap.data_stream import RecordBuilder
+from mcap.records import DataEnd, Footer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
+from .. import __version__
 from .types import definition
+
+_ROS_DISTRO = "jazzy"
 
 
 class BagWriter:
-    """A new bag folder at `path`. What is written before an interruption stays readable.
+    """A new bag folder at `path`; `about` is stored with the package's version as the metadata `uw_acoustic_loc`.
+
+    What is written before an interruption stays readable. When nothing more can be written (disk full), OSError names
+    the bag once, the file ends behind its last whole block, and everything later is left out.
 
     Raises:
         ValueError: `path` exists already, or cannot be made.
     """
 
-    def __init__(self, path: Path, metadata: dict[str, str] | None = None) -> None:
+    def __init__(self, path: Path, about: dict[str, str] | None = None) -> None:
         if path.exists():
             raise ValueError(f"bag {path} exists already: choose another name or remove it")
         try:
@@ -28,15 +40,15 @@ class BagWriter:
         except OSError as error:
             raise ValueError(f"bag {path} cannot be made: {error.strerror}") from None
         self.path = path
-        self._file: BinaryIO = (path / f"{path.name}_0.mcap").open("wb")
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(profile="ros2", library="uw_acoustic_loc")
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._topics: dict[str, dict[str, Any]] = {}
         self._first, self._last = 0, 0
-        if metadata:
-            self._writer.add_metadata("uw_acoustic_loc", metadata)
+        self._saved = _Saved({}, 0, 0)
+        self._open = True
+        self._file = _File(path / f"{path.name}_0.mcap")
+        self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
+        self._whole(lambda: self._start(about or {}))
 
     def __enter__(self) -> BagWriter:
         return self
@@ -51,16 +63,13 @@ class BagWriter:
         """Messages written per topic."""
         return {name: topic["message_count"] for name, topic in self._topics.items()}
 
-    def add_topic(self, name: str, msgtype: str, latched: bool = False) -> None:
-        """Declares a topic; again is harmless."""
-        if name in self._channels:
+    def add_topic(self, name: str, msgtype: str, latched: bool = False, text: str = "") -> None:
+        """Declares a topic; again is harmless. `text` is the definition of a type that is not one of ROS 2 Jazzy's."""
+        if name in self._channels or not self._open:
             return
-        text, type_hash = definition(msgtype)
+        own_text, type_hash = definition(msgtype)
         if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", text.encode())
-        self._channels[name] = self._writer.register_channel(
-            name, "cdr", self._schemas[msgtype], {"offered_qos_profiles": _qos_text(latched)}
-        )
+            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", (own_text or text).encode())
         described = {
             "name": name,
             "type": msgtype,
@@ -68,24 +77,67 @@ class BagWriter:
             "offered_qos_profiles": [_qos(latched)],
             "type_description_hash": type_hash,
         }
+        stored = {"offered_qos_profiles": _qos_text(latched), "topic_type_hash": type_hash}
+        self._channels[name] = self._writer.register_channel(name, "cdr", self._schemas[msgtype], stored)
         self._topics[name] = {"topic_metadata": described, "message_count": 0}
 
     def write(self, name: str, t_ns: int, data: bytes, published_ns: int = 0) -> None:
         """Appends a message of a declared topic: the instant it was received, its CDR bytes."""
-        self._writer.add_message(self._channels[name], t_ns, data, published_ns or t_ns)
+        if not self._open:
+            return
         self._topics[name]["message_count"] += 1
         self._first = min(self._first or t_ns, t_ns)
         self._last = max(self._last, t_ns)
+        self._whole(lambda: self._writer.add_message(self._channels[name], t_ns, data, published_ns or t_ns))
+
+    def flush(self) -> None:
+        """Hands everything over to the operating system, so that the end of this process cannot lose it."""
+        self._whole(self._writer.flush)
 
     def close(self) -> None:
         """Finishes the file and writes metadata.yaml."""
-        if self._file.closed:
+        if not self._open:
             return
+        self._whole(self._writer.flush)
+        self._whole(self._writer.finish)
+        self._end()
+
+    def _start(self, about: dict[str, str]) -> None:
+        self._writer.start(profile="ros2", library=f"uw_acoustic_loc {__version__}")
+        self._writer.add_metadata("rosbag2", {"ROS_DISTRO": _ROS_DISTRO})
+        self._writer.add_metadata("uw_acoustic_loc", {"version": __version__, **about})
+
+    def _whole(self, write: Callable[[], None]) -> None:
+        """Writes, or leaves the file as it was before and ends the bag."""
+        if not self._open:
+            return
+        good = self._file.tell()
         try:
-            self._writer.finish()  # type: ignore[no-untyped-call]
-        finally:
-            self._file.close()
-        (self.path / "metadata.yaml").write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
+            write()
+        except OSError as error:
+            self._file.cut(good)
+            self._forget_lost()
+            with suppress(OSError):
+                self._file.write(_end_of_file())
+            self._end()
+            raise OSError(error.errno, f"{error.strerror}; what was written is kept", str(self.path)) from None
+        if self._file.tell() > good:
+            self._saved = _Saved(self.counts, self._first, self._last)
+
+    def _forget_lost(self) -> None:
+        """What had not reached the file does not count."""
+        for name, topic in self._topics.items():
+            topic["message_count"] = self._saved.counts.get(name, 0)
+        self._first, self._last = self._saved.first, self._saved.last
+
+    def _end(self) -> None:
+        self._open = False
+        self._file.close()
+        listed = self.path / "metadata.yaml"
+        try:
+            listed.write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
+        except OSError:  # as full as before: a bag without it can be read, one with half of it is a riddle
+            listed.unlink(missing_ok=True)
 
     def _metadata(self) -> dict[str, Any]:
         count = sum(self.counts.values())
@@ -103,7 +155,7 @@ class BagWriter:
             "relative_file_paths": [name],
             "files": [{"path": name, "starting_time": start, "duration": duration, "message_count": count}],
             "custom_data": None,
-            "ros_distro": "jazzy",
+            "ros_distro": _ROS_DISTRO,
         }
         return {"rosbag2_bagfile_information": about}
 
@@ -111,6 +163,53 @@ class BagWriter:
 @cache
 def _qos_text(latched: bool) -> str:
     return str(yaml.safe_dump([_qos(latched)], sort_keys=False))
+
+
+@dataclass(frozen=True)
+class _Saved:
+    """What has reached the file: messages per topic, first and last log time in ns."""
+
+    counts: dict[str, int]
+    first: int
+    last: int
+
+
+def _end_of_file() -> bytes:
+    """The end of an MCAP file without a summary."""
+    records = RecordBuilder()
+    DataEnd(data_section_crc=0).write(records)
+    Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(records)
+    return bytes(records.end()) + MCAP0_MAGIC  # type: ignore[no-untyped-call]
+
+
+class _File:
+    """A file without a buffer of its own: what `write` has returned from is with the operating system."""
+
+    def __init__(self, path: Path) -> None:
+        self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        self._end = 0
+
+    def write(self, data: bytes) -> int:
+        left = memoryview(data)
+        while left:
+            done = os.write(self._number, left)  # a full disk takes a part first, and then raises
+            self._end += done
+            left = left[done:]
+        return len(data)
+
+    def tell(self) -> int:
+        return self._end
+
+    def flush(self) -> None:
+        pass
+
+    def cut(self, size: int) -> None:
+        """Takes back what was written behind `size`."""
+        os.ftruncate(self._number, size)
+        self._end = os.lseek(self._number, size, os.SEEK_SET)
+
+    def close(self) -> None:
+        os.close(self._number)
 
 
 def _qos(latched: bool) -> dict[str, Any]:
