@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,11 +22,12 @@ W = TypeVar("W", bound="Wiring")
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """A node's inputs and outputs by full topic name."""
+    """A node's inputs and outputs by full topic name, and its effective parameters (a driver's: its scenario)."""
 
     node: GraphNode
     inputs: Mapping[str, Input] = field(default_factory=dict)
     outputs: Mapping[str, Output] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,8 @@ def wire_stage(node: GraphNode) -> StageWiring:
     stage = _named(where, make_stage)
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
-    return StageWiring(node, inputs, outputs, make_stage=make_stage, lateness=runner.lateness)
+    settings = {**dataclasses.asdict(config), **dataclasses.asdict(runner)}
+    return StageWiring(node, inputs, outputs, settings, make_stage=make_stage, lateness=runner.lateness)
 
 
 def wire_driver(node: GraphNode) -> DriverWiring:
@@ -72,7 +75,8 @@ def wire_driver(node: GraphNode) -> DriverWiring:
     scenario = _named(where, lambda: configured_scenario(config, node.base))
     source = _named(where, lambda: make_source(node.executable, scenario))
     outputs = {node.resolve(o.topic): o for o in source.outputs}
-    return DriverWiring(node, {}, outputs, scenario=scenario, scenario_file=find_scenario(config.scenario, node.base))
+    file = find_scenario(config.scenario, node.base)
+    return DriverWiring(node, {}, outputs, dataclasses.asdict(scenario), scenario=scenario, scenario_file=file)
 
 
 def wire(node: GraphNode) -> Wiring:

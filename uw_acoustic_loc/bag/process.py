@@ -8,6 +8,8 @@ from pathlib import Path
 from ..graph import Graph
 from ..stages.runner import Refusal
 from ..wire.codec import codec
+from ..wiring import wire
+from .about import about_graph
 from .pipeline import Pipeline
 from .reader import Bag, Record
 from .remap import RemappedBag
@@ -21,6 +23,7 @@ class OfflineRun:
     def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
         self.pipeline = Pipeline(graph, self._publish, tell)
         self._bag = bag
+        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(wire, graph.nodes))}
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
         self._t_ns = 0  # log time of what is being handled
@@ -35,7 +38,7 @@ class OfflineRun:
     def run(self, out: Path, keep_inputs: bool, progress: Callable[[int], None]) -> dict[str, int]:
         """Writes the outputs (and, to keep, all of the bag that is not an output); returns counts per topic."""
         own = self.pipeline.outputs
-        with BagWriter(out, {"made_by": "process", "input": self._bag.path.name}) as self._writer:
+        with BagWriter(out, self._about) as self._writer:
             for topic, output in own.items():
                 self._writer.add_topic(topic, codec(output.kind).msgtype, output.latched)
             topics = None if keep_inputs else [*self._kinds]
@@ -49,7 +52,8 @@ class OfflineRun:
             return self._writer.counts
 
     def _keep(self, record: Record) -> None:
-        self._writer.add_topic(record.topic, record.msgtype, self._bag.topics[record.topic].latched)
+        topic = self._bag.topics[record.topic]
+        self._writer.add_topic(record.topic, record.msgtype, topic.latched, topic.definition)
         self._writer.write(record.topic, record.t_ns, record.data)
 
     def _feed(self, record: Record) -> None:

@@ -10,6 +10,7 @@ from ..contract import Event, Output, Source
 from ..sim.catalog import SOURCES, make_source
 from ..sim.scenario import Scenario
 from ..wire.codec import codec
+from .about import about_scenario
 from .types import encode
 from .writer import BagWriter
 
@@ -20,7 +21,7 @@ ON_VEHICLE = ("vehicle_driver", "hydrophone_driver")
 def simulate(scenario: Scenario, out: Path, progress: Callable[[int], None]) -> dict[str, int]:
     """Writes all events of all drivers in order; returns counts per topic. `progress` gets each event's instant."""
     sources = [(name, make_source(name, scenario)) for name in SOURCES if _simulated(name, scenario)]
-    with BagWriter(out, {"made_by": "simulate", "seed": str(scenario.seed)}) as writer:
+    with BagWriter(out, {"made_by": "simulate", **about_scenario(scenario)}) as writer:
         for name, source in sources:
             for output in source.outputs:
                 writer.add_topic(_full_name(name, output, scenario), codec(output.kind).msgtype, output.latched)

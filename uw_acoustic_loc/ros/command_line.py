@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
@@ -9,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ..bag.about import about_graph
 from ..graph import GraphNode
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
@@ -54,7 +56,8 @@ def recorder_node(bag: Path, wirings: Sequence[Wiring]) -> GraphNode:
     pairs = [f"{topic} {codec(output.kind).msgtype}" for topic, output in outputs]
     pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
     latched = [topic for topic, output in outputs if output.latched]
-    params: dict[str, Any] = {"bag": bag}
+    about = json.dumps(about_graph(wirings))
+    params: dict[str, Any] = {"bag": bag, "about": json.dumps(about)}  # as YAML: a string in double quotes
     if all(wiring.node.executable in _OURS for wiring in wirings):
         params |= {"topics": f"[{', '.join(pairs)}]"}
         params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +22,7 @@ from .spin import Stop
 
 _NOT_RECORDED = ("/clock", "/parameter_events", "/rosout")
 _DISCOVERY_S = 0.2
+_FLUSH_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,7 @@ class RecorderConfig:
     bag: str = param(doc="folder to be made")
     topics: tuple[str, ...] = param((), doc="'name type' pairs to record; empty = every topic that appears")
     latched: tuple[str, ...] = param((), doc="names among topics that are latched")
+    about: str = param("{}", doc="JSON of keys and texts that are stored with the bag")
 
 
 class RecorderNode:
@@ -37,9 +43,11 @@ class RecorderNode:
         where = f"node {self.node.get_fully_qualified_name()}"
         try:
             self._config = build(RecorderConfig, given_parameters(self.node), where)
-            self._writer = BagWriter(Path(self._config.bag), {"made_by": "recorder"})
-        except ValueError as error:
+            about = {"made_by": "recorder", **_texts(self._config.about, where)}
+            self._writer = BagWriter(Path(self._config.bag), about)
+        except (ValueError, OSError) as error:
             raise Stop(1, str(error)) from None
+        self._flushed = time.monotonic()
         declare(self.node, self._config)
         self._subscriptions = Subscriptions(self.node)
         self._known: set[str] = set()
@@ -53,7 +61,10 @@ class RecorderNode:
         SyncService(self.node, self._report, lambda: None)
 
     def idle(self) -> float:
-        """Nothing to do between callbacks."""
+        """Between callbacks: what is recorded goes to the file, where it outlives this process."""
+        if time.monotonic() - self._flushed > _FLUSH_S:
+            self._guard(self._writer.flush)
+            self._flushed = time.monotonic()
         return 0.1
 
     def close(self) -> None:
@@ -88,19 +99,27 @@ class RecorderNode:
 
     def _write_early(self, now_ns: int) -> None:
         for topic, data in self._early:
-            self._writer.write(topic, now_ns, data)
+            self._guard(partial(self._writer.write, topic, now_ns, data))
         self._early.clear()
 
-    def _guard(self, write: Any) -> None:
+    def _guard(self, write: Callable[[], None]) -> None:
         try:
             write()
         except OSError as error:
-            raise Stop(
-                1, f"bag {self._config.bag}: recording stopped, {error.strerror}; what was written is kept"
-            ) from None
+            raise Stop(1, f"bag {self._config.bag}: recording stopped: {error.strerror}") from None
 
     def _status(self) -> Status:
         return Status(values={f"{topic} recorded": count for topic, count in self._writer.counts.items()})
 
     def _report(self) -> dict[str, Any]:
         return {"out": {}, "in": self._subscriptions.report(), "recorded": self._writer.counts}
+
+
+def _texts(about: str, where: str) -> dict[str, str]:
+    try:
+        found = json.loads(about)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{where}: about must be JSON, got {about[:40]!r} ({error})") from None
+    if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):
+        raise ValueError(f"{where}: about must be a JSON object of texts, got {about[:40]!r}")
+    return found
