@@ -27,8 +27,9 @@ class TopicSurvey:
     first_ns: int
     last_ns: int
     rate_hz: float  # 0 = fewer than two messages
-    gaps: int
+    gaps: int  # intervals of more than five usual ones
     longest_gap_s: float
+    longest_interval_s: float
     clock_back: int  # log times that lie before the one before them
     stamps_back: int
     largest_step_back_s: float  # of both
@@ -84,7 +85,8 @@ def _summary(noted: _Traffic) -> TopicSurvey:
     log = np.array(noted.log_ns, dtype=np.int64)
     stamps = np.array([stamp for stamp in noted.stamps_ns if stamp > 0], dtype=np.int64)
     steps = np.sort(log)
-    gaps = _gaps(np.diff(steps) * 1e-9)
+    intervals = np.diff(steps) * 1e-9
+    gaps = _gaps(intervals)
     back = [np.diff(times)[np.diff(times) < 0] * -1e-9 for times in (log, stamps)]
     span = float(steps[-1] - steps[0]) * 1e-9 if log.size else 0.0
     return TopicSurvey(
@@ -96,6 +98,7 @@ def _summary(noted: _Traffic) -> TopicSurvey:
         rate_hz=(log.size - 1) / span if span > 0 else 0.0,
         gaps=len(gaps),
         longest_gap_s=max(gaps, default=0.0),
+        longest_interval_s=float(intervals.max(initial=0.0)),
         clock_back=back[0].size,
         stamps_back=back[1].size,
         largest_step_back_s=float(max((steps.max() for steps in back if steps.size), default=0.0)),

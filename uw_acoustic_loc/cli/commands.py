@@ -102,6 +102,13 @@ def info(options: Namespace) -> int:
     return run(options)
 
 
+def check(options: Namespace) -> int:
+    """Compares a bag with what is expected of it."""
+    from .check import check as run
+
+    return run(options)
+
+
 def reproduce(options: Namespace) -> int:
     """Runs the papers' studies."""
     from .reproduce import reproduce as run

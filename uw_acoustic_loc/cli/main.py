@@ -103,6 +103,12 @@ def _checks(command: Any) -> None:
     info.add_argument("--json", action="store_true", help="print JSON instead of tables")
     info.set_defaults(run=commands.info)
 
+    check = command.add_parser("check", help="a bag against a file of expected counts, rates, values and scores")
+    check.add_argument("bag", type=Path, metavar="BAG")
+    check.add_argument("expected", type=Path, metavar="EXPECTED.yaml")
+    check.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    check.set_defaults(run=commands.check)
+
 
 def _wav(command: Any) -> None:
     wav = command.add_parser("convert-wav", help="a WAV recording of two hydrophones into a bag for the bearing node")

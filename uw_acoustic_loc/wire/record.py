@@ -82,22 +82,33 @@ def unpack(name: str, msg: Any) -> dict[str, AnyArray]:
     given = {field.name: field for field in msg.fields}
     for column, kind in plan.columns:
         _check(name, column, plan.allowed(kind), given.get(column), msg.point_step)
-    rows = int(msg.width) * int(msg.height)
-    data = msg.data
-    if len(data) != rows * msg.point_step:
-        raise ValueError(f"{name}: data must have {rows} x {msg.point_step} bytes, got {len(data)}")
-    kinds = tuple((column, given[column].datatype, given[column].offset) for column, _ in plan.columns)
-    view = np.frombuffer(data, dtype=_table(kinds, msg.is_bigendian, msg.point_step), count=rows)
-    return {column: np.ascontiguousarray(view[column]) for column, _ in plan.columns}
+    rows = _rows(name, msg, [given[column] for column, _ in plan.columns])
+    return {column: np.ascontiguousarray(rows[column]) for column, _ in plan.columns}
+
+
+def table(msg: Any) -> AnyArray:
+    """Structured view (N,) of any PointCloud2's rows: the columns that hold one number each; ValueError as `unpack`."""
+    named = {field.name: field for field in msg.fields}
+    plain = [f for f in named.values() if f.count == 1 and f.datatype in _NUMPY]
+    good = [f for f in plain if f.offset + _NUMPY[f.datatype].itemsize <= msg.point_step]
+    return _rows("PointCloud2", msg, good)
+
+
+def _rows(name: str, msg: Any, columns: list[Any]) -> AnyArray:
+    count = int(msg.width) * int(msg.height)
+    if len(msg.data) != count * msg.point_step:
+        raise ValueError(f"{name}: data must have {count} x {msg.point_step} bytes, got {len(msg.data)}")
+    kinds = tuple((field.name, field.datatype, field.offset) for field in columns)
+    return np.frombuffer(msg.data, dtype=_row_type(kinds, msg.is_bigendian, msg.point_step), count=count)
 
 
 @lru_cache(maxsize=64)
-def _table(kinds: tuple[tuple[str, int, int], ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
+def _row_type(kinds: tuple[tuple[str, int, int], ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
     """The dtype of a row: names, types and offsets of its columns."""
-    names, codes, offsets = zip(*kinds, strict=True)
-    formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for code in codes]
-    table: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": step}
-    return np.dtype(table)  # type: ignore[no-any-return]
+    formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for _, code, _ in kinds]
+    names, offsets = [name for name, _, _ in kinds], [offset for _, _, offset in kinds]
+    layout: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": step}
+    return np.dtype(layout)  # type: ignore[no-any-return]
 
 
 def _check(record: str, column: str, allowed: tuple[str, ...], field: Any, step: int) -> None:
