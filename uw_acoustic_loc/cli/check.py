@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -20,6 +20,7 @@ from ..bag.types import deserialize
 from ..config import build, param
 from ..core.types import Array
 from ..graph import load_yaml
+from .console import wide
 from .message_field import numbers
 from .recording import load
 from .score import score
@@ -96,11 +97,10 @@ def check(options: Namespace) -> int:
         listed = [{"what": c.what, "expected": c.expected, "found": c.found, "passed": c.passed} for c in checks]
         print(json.dumps({"passed": not failed, "checks": listed}, indent=2))
     else:
-        Console().print(_table(checks))
+        columns = [[c.what for c in checks], [c.expected for c in checks], [c.found for c in checks]]
+        wide(sum(max(map(len, column), default=0) for column in columns) + 20).print(_table(checks))
     for one in failed:
-        Console(stderr=True, highlight=False).print(
-            f"uwloc: {options.bag}: {one.sentence}", markup=False, soft_wrap=True
-        )
+        print(f"uwloc: {options.bag}: {one.sentence}", file=sys.stderr)
     return 1 if failed else 0
 
 
@@ -189,8 +189,6 @@ def _lookup(scored: dict[str, Any], name: str) -> float | None:
 
 def _table(checks: list[Check]) -> Table:
     drawn = Table("", "check", "expected", "found", box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for column in drawn.columns[1:]:
-        column.overflow = "fold"
     for one in checks:
         verdict = Text("pass", style="green") if one.passed else Text("FAIL", style="bold red")
         drawn.add_row(verdict, Text(one.what), Text(one.expected), Text(one.found))

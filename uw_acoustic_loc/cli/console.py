@@ -43,6 +43,11 @@ def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[
         yield update
 
 
+def wide(columns: int) -> Console:
+    """A console for stdout of that width at least: names stay in one piece, for eyes and for grep."""
+    return Console(width=max(Console().width, columns))
+
+
 class NodeLog:
     """Prints lines of nodes, each under its node's name and colour."""
 

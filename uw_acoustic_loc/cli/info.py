@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -16,6 +16,7 @@ from ..bag.reader import Bag
 from ..bag.survey import Survey, TopicSurvey, survey
 from ..bag.usable import Use, uses
 from .commands import damage_code
+from .console import wide
 
 
 def info(options: Namespace) -> int:
@@ -26,7 +27,8 @@ def info(options: Namespace) -> int:
     if options.json:
         print(json.dumps(as_json(bag, found, estimators), indent=2))
     else:
-        console = Console()
+        widest = max((len(name) + len(topic.msgtype) for name, topic in found.topics.items()), default=0)
+        console = wide(widest + 40)
         for part in _parts(bag, found, estimators):
             console.print(part, soft_wrap=isinstance(part, Text))
     return damage_code(bag.damage)
@@ -70,8 +72,6 @@ def _parts(bag: Bag, found: Survey, estimators: list[Use]) -> Iterator[Renderabl
 
 def _table(topics: dict[str, TopicSurvey]) -> Table:
     drawn = Table("topic", "type", "count", "Hz", "latched", box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for column in drawn.columns[:2]:
-        column.overflow = "fold"
     for column in drawn.columns[2:4]:
         column.justify = "right"
     for name, topic in topics.items():
