@@ -66,7 +66,7 @@ def build(cls: type[T], values: Mapping[str, Any], where: str) -> T:
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]
     for key in values:
         if key not in fields:
-            raise ValueError(f"{where}: unknown key '{key}'{_nearest(str(key), fields)}")
+            raise ValueError(f"{where}: unknown key {str(key)!r}{_nearest(str(key), fields)}")
     hints = get_type_hints(cls)
     built = {key: _value(hints[key], value, f"{where}: {key}", limits_of(fields[key])) for key, value in values.items()}
     for name, field in fields.items():
@@ -121,7 +121,7 @@ def _scalar(kind: type, value: Any, where: str, limits: Limits) -> Any:
         raise ValueError(f"{where} must be {_words(kind)}, got {value!r}")
     if limits.choices and value not in limits.choices:
         raise ValueError(f"{where} must be one of {', '.join(limits.choices)}, got {value!r}")
-    if kind in (int, float) and not limits.low <= value <= limits.high:  # NaN fails too
+    if kind in (int, float) and not (limits.low <= value <= limits.high and abs(value) < math.inf):  # nor NaN
         raise ValueError(f"{where} must be {_range(limits)}, got {value!r}")
     return value
 
@@ -136,4 +136,4 @@ def _range(limits: Limits) -> str:
         return f"from {limits.low:g} to {limits.high:g}{unit}"
     if limits.low > -math.inf:
         return f"at least {limits.low:g}{unit}"
-    return f"at most {limits.high:g}{unit}" if limits.high < math.inf else "a number"
+    return f"at most {limits.high:g}{unit}" if limits.high < math.inf else "a finite number"

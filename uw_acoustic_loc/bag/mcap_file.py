@@ -28,7 +28,7 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _TAIL = HEAD.size + 20 + len(MAGIC)  # footer and magic
 _DATA_END = HEAD.size + 4
 _PIECE = 1 << 20
-_LAST = (1 << 64) - 1
+_LAST_NS = (1 << 63) - 1  # of ROS's clocks
 _BROKEN = (McapError, struct.error, ValueError, MemoryError, RuntimeError, zstandard.ZstdError)  # lz4: RuntimeError
 
 _Message = tuple[int, int, bytes]  # log time, channel, CDR
@@ -81,7 +81,7 @@ class McapFile:
                 ready = len(pending)
                 if by_time:
                     pending.sort(key=lambda message: message[0])
-                    until_ns = blocks[k + 1].first_ns if k + 1 < len(blocks) else _LAST + 1
+                    until_ns = blocks[k + 1].first_ns if k + 1 < len(blocks) else _LAST_NS + 1
                     ready = bisect_left(pending, until_ns, key=lambda message: message[0])
                 yield from self._as_records(pending[:ready])
                 del pending[:ready]
@@ -93,6 +93,8 @@ class McapFile:
             topic = self._topics.get(message[1])
             if topic is None:
                 self._damage.note(f"log time {message[0]} ns", f"a message of channel {message[1]}, which is unknown")
+            elif message[0] > _LAST_NS:
+                self._damage.note(f"log time {message[0]} ns", "no clock of ROS shows such a time")
             elif topic.encoding == "cdr" and (topics is None or topic.name in topics):
                 yield message
 
