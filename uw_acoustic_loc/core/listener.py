@@ -141,12 +141,18 @@ class Listener:
         return limited
 
 
+# Hz, m, m/s, Pa per count: beyond these the tables of lags would be empty, or fill the memory
+_PLAUSIBLE = {"sample_rate": (10.0, 1e7), "spacing": (1e-3, 100.0), "sound_speed": (300.0, 1e4), "scale": (1e-15, 1e6)}
+
+
 def check_info(info: HydrophoneInfo) -> None:
-    """Raises ValueError for an info whose numbers are not positive and finite."""
-    for name in ("sample_rate", "spacing", "sound_speed", "scale"):
+    """Raises ValueError for an info whose numbers are not positive and finite, or no array's that there is."""
+    for name, (low, high) in _PLAUSIBLE.items():
         value = getattr(info, name)
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"hydrophones/info: {name} must be positive and finite, got {value!r}")
+        if not low <= value <= high:
+            raise ValueError(f"hydrophones/info: {name} must be from {low:g} to {high:g}, got {value!r}")
 
 
 def check_frame(frame: Samples) -> None:
