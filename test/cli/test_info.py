@@ -40,7 +40,7 @@ def test_counts_rates_and_times(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert topic["rate_hz"] == pytest.approx(4.0)
     assert (topic["gaps"], topic["stamps_back"], topic["clock_back"], topic["unset_stamps"]) == (0, 0, 0, 0)
     assert (found["damage"], found["not_read"]) == ([], {})
-    assert [use["remap"] for use in found["estimators"]] == [["/mooring/<id>/offset:=/p"]]
+    assert [use["remap"] for use in found["estimators"]] == [["/p:=/mooring/<id>/offset"]]
 
 
 def test_gaps_and_stamps_that_go_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -136,7 +136,7 @@ def test_other_names_are_offered_as_a_remapping(tmp_path: Path) -> None:
         )
         if use.estimator == "bearing_localizer"
     )
-    assert (use.missing, use.remap) == (["odometry"], ["/auv1/odometry:=/auv1/nav/dead_reckoned"])
+    assert (use.missing, use.remap) == (["odometry"], ["/auv1/nav/dead_reckoned:=/auv1/odometry"])
 
 
 def test_a_topic_of_the_right_name_but_another_frame_or_type_is_no_input(tmp_path: Path) -> None:
@@ -151,4 +151,4 @@ def test_a_topic_of_the_right_name_but_another_frame_or_type_is_no_input(tmp_pat
         "/imu/data": "header.frame_id must be 'base_link', got 'imu_link'",
         "/dvl/twist": "type must be geometry_msgs/msg/TwistWithCovarianceStamped, got nav_msgs/msg/Odometry",
     }
-    assert "/dvl/twist:=/dvl/other" in slam.remap
+    assert "/dvl/other:=/dvl/twist" in slam.remap

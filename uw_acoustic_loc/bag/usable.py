@@ -20,7 +20,7 @@ _ANY = "ANY"  # stands for every id in the topics of a stage
 
 @dataclass(frozen=True)
 class Use:
-    """One estimator in one namespace. `remap` has `from:=to` pairs, the estimator's name and the bag's."""
+    """One estimator in one namespace. `remap` has `from:=to` pairs, the bag's name and the estimator's."""
 
     estimator: str
     namespace: str
@@ -97,7 +97,7 @@ def _use(name: str, space: str, inputs: Sequence[Input], kinds: _Kinds, made: Ma
             use.after[own] = made[space, wanted.topic]
         elif own not in use.inputs:
             use.missing.append(own)
-            use.remap.extend(f"{space.rstrip('/')}/{own}:={other}" for other in kinds.others(wanted))
+            use.remap.extend(f"{other}:={space.rstrip('/')}/{own}" for other in kinds.others(wanted))
     return use
 
 

@@ -33,6 +33,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=__version__)
     command = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
+    for commands_of in (_live, _bags, _verdicts, _planning, _wav):
+        commands_of(command)
+    return parser
+
+
+def _live(command: Any) -> None:
     demo = command.add_parser("demo", help="the whole graph on the harbour scenario: bag, table and report")
     demo.add_argument(
         "-o", "--output", type=Path, default=Path("out/demo"), help="folder to be made (default %(default)s)"
@@ -46,6 +52,8 @@ def _parser() -> argparse.ArgumentParser:
     launch.add_argument("--duration", type=float, default=0.0, metavar="S", help="stop after S seconds of the clock")
     launch.set_defaults(run=commands.launch)
 
+
+def _bags(command: Any) -> None:
     simulate = command.add_parser("simulate", help="measurements and truth of a scenario straight into a bag")
     simulate.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
     simulate.add_argument("-o", "--output", type=Path, required=True, metavar="BAG")
@@ -68,6 +76,8 @@ def _parser() -> argparse.ArgumentParser:
     hashed.add_argument("--json", action="store_true", help="print JSON instead of lines")
     hashed.set_defaults(run=bag_runs.hash_bag)
 
+
+def _verdicts(command: Any) -> None:
     score = command.add_parser("score", help="errors of a bag's estimates against its truth")
     score.add_argument("bag", type=Path, metavar="BAG")
     score.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -78,6 +88,19 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("-o", "--output", type=Path, default=Path("report.html"))
     report.set_defaults(run=commands.report)
 
+    info = command.add_parser("info", help="what is in a bag, what is wrong with it, which estimators can use it")
+    info.add_argument("bag", type=Path, metavar="BAG")
+    info.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    info.set_defaults(run=commands.info)
+
+    check = command.add_parser("check", help="a bag against a file of expected counts, rates, values and scores")
+    check.add_argument("bag", type=Path, metavar="BAG")
+    check.add_argument("expected", type=Path, metavar="EXPECTED.yaml")
+    check.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    check.set_defaults(run=commands.check)
+
+
+def _planning(command: Any) -> None:
     reproduce = command.add_parser("reproduce", help="the papers' tables and figures, theirs beside ours")
     reproduce.add_argument("name", metavar="NAME", help="a study, or all")
     reproduce.add_argument(
@@ -92,22 +115,6 @@ def _parser() -> argparse.ArgumentParser:
     plan.add_argument("scenario", type=Path, metavar="SCENARIO.yaml")
     plan.add_argument("-o", "--output", type=Path, default=Path("out/plan"), metavar="DIR", help="default %(default)s")
     plan.set_defaults(run=commands.plan)
-    _wav(command)
-    _checks(command)
-    return parser
-
-
-def _checks(command: Any) -> None:
-    info = command.add_parser("info", help="what is in a bag, what is wrong with it, which estimators can use it")
-    info.add_argument("bag", type=Path, metavar="BAG")
-    info.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    info.set_defaults(run=commands.info)
-
-    check = command.add_parser("check", help="a bag against a file of expected counts, rates, values and scores")
-    check.add_argument("bag", type=Path, metavar="BAG")
-    check.add_argument("expected", type=Path, metavar="EXPECTED.yaml")
-    check.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    check.set_defaults(run=commands.check)
 
 
 def _wav(command: Any) -> None:
