@@ -106,6 +106,8 @@ def _stage(name: str) -> Stage:
     cls = stage_class(name)
     fields = {f.name for f in dataclasses.fields(cls.Config)}
     ids: dict[str, Any] = {key: [_ANY] for key in ("source_ids", "mooring_ids") if key in fields}
+    if "mooring_receivers" in fields:
+        del ids["mooring_ids"]  # a mooring's own tracker looks for those; here they are an extra
     bands = {"band_low": [1e3], "band_high": [2e3]} if "band_low" in fields else {}
     config: Any = build(cls.Config, ids | bands, name)
     return cls(config)  # type: ignore[call-arg]

@@ -155,7 +155,7 @@ class Slam:
             pinger.drop_lines()
 
     def _advance(self, t_ns: int) -> None:
-        duration = min((t_ns - self._t_ns) * 1e-9, _LONGEST_GAP)
+        duration = (t_ns - self._t_ns) * 1e-9
         steps = max(1, math.ceil(duration / _LONGEST_STEP))
         for _ in range(steps if duration > 0 else 0):
             self._step(duration / steps)
