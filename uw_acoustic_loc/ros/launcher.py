@@ -107,12 +107,18 @@ class Launcher:
         return max(code, self._stop_in_order())
 
     def _wait_ready(self) -> bool:
-        """Every node answers, and every connection between them is made."""
+        """Every node answers, and every connection between them is made.
+
+        A player makes sure of the same before it plays, and a short bag may be over before that shows here.
+        """
         limit = time.monotonic() + _READY_S
         wrong = ["nothing has started"]
         while wrong and not self._stopped:
             wrong = self._sync.until(self._ours, lambda reports: unmatched(reports, {}), timeout_s=0.3)
-            ended = [f"{n} has ended" for n, p in self._processes.items() if p.exit_code() is not None]
+            codes = {name: process.exit_code() for name, process in self._processes.items()}
+            if any(code == 0 and name.endswith("player") for name, code in codes.items()):
+                break
+            ended = [f"{name} has ended" for name, code in codes.items() if code is not None]
             if ended or (wrong and time.monotonic() > limit):
                 self._log("launcher", f"not ready: {'; '.join(ended or wrong)}")
                 return False
