@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.gcc import WEIGHTINGS, BandSplitter, Correlation, Correlator, Piece
+from uw_acoustic_loc.core.gcc import BandSplitter, Correlation, Correlator, Piece
+from uw_acoustic_loc.core.weighting import WEIGHTINGS
 
 RATE, PULSE, MAX_LAG = 100_000.0, 0.01, 0.6 / 1500.0
 LOW, HIGH = 20_000.0, 30_000.0

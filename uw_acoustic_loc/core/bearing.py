@@ -11,12 +11,12 @@ import numpy as np
 from ..config import param
 from .array_motion import ArrayMotion
 from .bearing_filter import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance
-from .gcc import WEIGHTINGS
 from .geometry import wrap_angle
 from .hydrophone_health import HydrophoneHealth
 from .listener import Heard, Listener, check_frame, check_info
 from .ping_schedule import Timing
 from .types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
+from .weighting import WEIGHTINGS
 
 _HEADING_STD = 0.03  # rad/s, errors of the odometry's turn and of all else that the motion model leaves out
 _LARGEST_SPREAD = 0.3  # rad per prediction; a few of them and a source may be anywhere

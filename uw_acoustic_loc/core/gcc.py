@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from .types import AnyArray, Array
+from .weighting import bin_weights
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
-WEIGHTINGS = ("cc", "phat", "scot", "roth", "eckart", "ml")
 _LAGS_PER_CYCLE = 10  # of the highest frequency in the band
 _EDGE = 4  # grid steps beyond the array's largest lag, where the maximum of a source at end-fire may lie
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
-_SMOOTH = 5  # bins over which spectra are averaged before they become weights: a single bin has no coherence
 _BLOCK = 0.08  # cycles that bins summed before the correlation may turn at the largest lag
 _TINY = 1e-30  # power that stands for digital silence
 _TAPER = 32  # samples at both ends of a block that are faded, against leakage from one band into another
@@ -166,7 +165,7 @@ class Correlator:
             row[:, : piece.samples.shape[1]] = piece.samples
         g = fft.fft(g, overwrite_x=True)[:, :, self._bins]
         cross: Complex = g[:, 0] * g[:, 1].conj()
-        weights = None if weighting == "cc" else np.stack([_weights(h0, h1, weighting) for h0, h1 in g])
+        weights = None if weighting == "cc" else np.stack([bin_weights(h0, h1, weighting) for h0, h1 in g])
         weighted = cross if weights is None else np.asarray(cross * weights, dtype=np.complex64)
         bands = [piece.band for piece in pieces]
         if not self._alike:
@@ -252,26 +251,3 @@ def _phasors(phase: AnyArray) -> Complex:
     np.cos(phase, out=found.real)
     np.sin(phase, out=found.imag)
     return found
-
-
-def _weights(g0: Complex, g1: Complex, weighting: str) -> AnyArray:
-    """(bins,) Knapp & Carter (1976), table 1, from spectra averaged over neighbouring bins."""
-    kernel = np.full(min(_SMOOTH, g0.size), 1.0 / _SMOOTH)
-    cross = np.abs(np.convolve(g0 * g1.conj(), kernel, "same"))
-    auto_0 = np.convolve(np.abs(g0) ** 2, kernel, "same")
-    auto_1 = np.convolve(np.abs(g1) ** 2, kernel, "same")
-    tiny = 1e-6 * float(np.sqrt(auto_0.mean() * auto_1.mean())) + _TINY  # digital silence has no spectrum
-    if weighting == "phat":
-        return np.asarray(1.0 / (cross + tiny))
-    if weighting == "scot":
-        return np.asarray(1.0 / (np.sqrt(auto_0 * auto_1) + tiny))
-    if weighting == "roth":
-        return np.asarray(1.0 / (auto_0 + tiny))
-    if weighting == "eckart":
-        least = 0.0005  # of the spectrum is noise at least: coherence 0.999
-        noise_0, noise_1 = (np.maximum(auto - cross, least * auto + tiny) for auto in (auto_0, auto_1))
-        return np.asarray(cross / (noise_0 * noise_1))
-    if weighting == "ml":
-        coherence = np.minimum(cross**2 / (auto_0 * auto_1 + tiny**2), 0.999)
-        return np.asarray(coherence / ((cross + tiny) * (1.0 - coherence)))
-    raise ValueError(f"weighting must be one of {', '.join(WEIGHTINGS)}, got {weighting!r}")
