@@ -182,3 +182,14 @@ def test_no_filter_takes_the_highest_maximum():
     theta, variance = state.estimate()
     assert theta == pytest.approx(math.acos(-1e-4 / MAX_LAG))
     assert variance == pytest.approx((1e-6 / MAX_LAG / math.sin(theta)) ** 2)
+
+
+@pytest.mark.parametrize("count", [20, 70_000, 200_000])
+def test_a_filter_of_any_size_follows_its_source(count):
+    state = ParticleFilter(SPACING, SPEED, (10.0, 100.0), count, np.random.default_rng(0))
+    for _ in range(8):
+        state.predict(0.0, STILL, 0.01)
+        state.update(peaks([MAX_LAG * math.cos(1.2)], [1.0]))
+    theta, variance = state.estimate()
+    assert theta == pytest.approx(1.2, abs=5.0 * math.sqrt(variance))
+    assert variance < math.radians(1.0) ** 2

@@ -18,7 +18,7 @@ _LOST = 1e-3  # probability per ping that the source is not where the filter has
 _SUSPICION = 1e-4  # of the weight
 _SEARCHERS = 20
 _SEARCH = 4  # pings from one search to the next, unless a ping comes as a surprise
-_NOISES = 1 << 16
+_NOISES = 1 << 16  # drawn at the start, at least
 _STEP = 0.025  # rad of motion noise, at most, that waits for the ping: a quarter of what carrier cycles lie apart
 _POOR = 0.25  # of the particles count, and they are resampled
 _LARGEST = 0.01  # variance of a range's logarithm that a resampling adds
@@ -97,7 +97,7 @@ class ParticleFilter:
     ) -> None:
         self._spacing, self._sound_speed, self._ranges, self._rng = spacing, sound_speed, ranges, rng
         self._most = count
-        self._noises = rng.standard_normal(_NOISES, np.float32)
+        self._noises = rng.standard_normal(max(_NOISES, 2 * count), np.float32)
         self._pings = 0
         self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)))
         self._weights = np.full(count, 1.0 / count, np.float32)  # no logarithms: a ping's floor bounds their ratios
@@ -176,7 +176,7 @@ class ParticleFilter:
     def _noise(self) -> AnyArray:
         """(n,) standard normal: a stretch, from anywhere, of a long row drawn at the start."""
         n = self._weights.size
-        begin = int(self._rng.random() * (_NOISES - n))
+        begin = int(self._rng.random() * (self._noises.size - n))
         return self._noises[begin : begin + n]
 
     def _turn_by(self, tan: AnyArray) -> None:
