@@ -21,7 +21,7 @@ from .weighting import bin_weights
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
-_LAGS_PER_CYCLE = 10  # of the highest frequency in the band
+_LAGS_PER_CYCLE = 10  # of the highest frequency in any band
 _EDGE = 4  # grid steps beyond the array's largest lag, where the maximum of a source at end-fire may lie
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
 _BLOCK = 0.08  # cycles that bins summed before the correlation may turn at the largest lag

@@ -112,9 +112,7 @@ def _position_to(value: Position) -> Flat:
     """Without an orientation (its variances are -1)."""
     values = np.zeros(43)
     values[:3], values[6] = value.position, 1.0
-    cov = values[7:].reshape(6, 6)
-    cov[:3, :3] = value.cov
-    cov[3:, 3:] = _NO_TURN
+    _cov_without_turn(value.cov, values[7:])
     return Flat(value.t_ns, (value.frame_id,), values)
 
 
@@ -166,9 +164,7 @@ def _body_velocity_to(value: BodyVelocity) -> Flat:
     """Angular unknown."""
     values = np.zeros(42)
     values[:3] = value.linear
-    cov = values[6:].reshape(6, 6)
-    cov[:3, :3] = value.linear_cov
-    cov[3:, 3:] = _NO_TURN
+    _cov_without_turn(value.linear_cov, values[6:])
     return Flat(value.t_ns, (value.frame_id,), values)
 
 
@@ -208,6 +204,12 @@ PRESSURE = FlatForm(
 )
 
 _NO_TURN = -np.eye(3)
+
+
+def _cov_without_turn(cov: Array, out: Array) -> None:
+    """Fills the covariance of a pose or twist (36,) whose turning half is unknown."""
+    whole = out.reshape(6, 6)
+    whole[:3, :3], whole[3:, 3:] = cov, _NO_TURN
 
 
 def scalar_to(make: Make, value: Scalar) -> Any:
