@@ -26,6 +26,7 @@ RATE, N, PULSE, MAX_LAG = 100e3, 10_000, 0.01, 0.6 / 1500.0
 BANDS = ((18e3, 24e3), (26e3, 32e3), (34e3, 40e3))
 SNR_DB = 20.0  # in the band, over the ping
 INTERP = 32  # of the peers that pad the spectrum: with 16, their steps would be most of their error
+UPSAMPLED = 8  # the peer's correlation near lag 0
 HALF_CYCLE = 1e-5  # s; an error beyond it is a wrong cycle
 SNIPPET, SINGLE = "gcc_phat snippet, interp 32", "gcc_phat snippet, interp 32, float32"
 Solver = Callable[[np.ndarray, np.ndarray, list[float]], list[float]]
@@ -64,15 +65,19 @@ class Ours:
 
 
 def scipy_filter_correlate() -> Solver:
+    """Filters, correlates, and refines the lags that the array allows: a parabola alone finds wrong cycles."""
     filters = [signal.butter(4, band, "bandpass", fs=RATE, output="sos") for band in BANDS]
-    lags = signal.correlation_lags(N, N)
-    reach = math.ceil(MAX_LAG * RATE) + 2
-    middle = slice(np.searchsorted(lags, -reach), np.searchsorted(lags, reach) + 1)
+    reach = 2 * math.ceil(MAX_LAG * RATE)
+    middle = slice(N - 1 - reach, N + reach)
+    lags = (np.arange(UPSAMPLED * (2 * reach + 1)) / UPSAMPLED - reach) / RATE
+    possible = np.flatnonzero(np.abs(lags) <= MAX_LAG + 1 / RATE)
+    lags, inner = lags[possible], slice(possible[0], possible[-1] + 1)
 
     def one(a: np.ndarray, b: np.ndarray) -> float:
         c = signal.correlate(a, b, method="fft")[middle]
+        c = signal.resample(c, UPSAMPLED * c.size)[inner]
         k = 1 + int(np.argmax(c[1:-1]))
-        return (k - reach + 0.5 * (c[k - 1] - c[k + 1]) / (c[k - 1] - 2 * c[k] + c[k + 1])) / RATE
+        return float(lags[k] + 0.5 * (c[k - 1] - c[k + 1]) / (c[k - 1] - 2 * c[k] + c[k + 1]) / (UPSAMPLED * RATE))
 
     def solve(h0: np.ndarray, h1: np.ndarray, _: list[float]) -> list[float]:
         pair = np.stack([h0, h1])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from .types import AnyArray, Array
-from .weighting import bin_weights
+from .weighting import SILENCE, bin_weights
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 
@@ -25,7 +25,6 @@ _LAGS_PER_CYCLE = 10  # of the highest frequency in any band
 _EDGE = 4  # grid steps beyond the array's largest lag, where the maximum of a source at end-fire may lie
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
 _BLOCK = 0.08  # cycles that bins summed before the correlation may turn at the largest lag
-_TINY = 1e-30  # power that stands for digital silence
 _TAPER = 32  # samples at both ends of a block that are faded, against leakage from one band into another
 
 
@@ -175,7 +174,8 @@ class Correlator:
         for band, row, out in zip(bands, sums, values, strict=True):
             np.dot(row, self._tables[band], out=out)
         maxima = self._maxima(values, count)
-        back = _phasors(self._omega.take(bands, axis=0) * np.array([[tdoas[0]] for tdoas, _ in maxima], np.float32))
+        strongest = np.array([found[0, 0] for found in maxima], np.float32)
+        back = _phasors(self._omega.take(bands, axis=0) * strongest[:, None])
         turned = weighted * back
         moments = (self._moments.take(bands, axis=0) @ turned.view(np.float32)[:, :, None])[:, :, 0].tolist()
         powers = [None] * len(pieces) if weights is None else self._powers(bands, cross * back, weights)
@@ -198,15 +198,15 @@ class Correlator:
         flat, width = values.ravel(), self.lags.size
         rise = flat[1:] - flat[:-1]
         falls = rise < 0
-        top = (falls[1:] > falls[:-1]).nonzero()[0] + 1
-        column = top % width
-        inner = (column > 0) & (column < width - 1)  # not where rows meet
-        top, column = top[inner], column[inner]
-        up, down = rise.take(top - 1), rise.take(top)
+        is_top = falls[1:] > falls[:-1]
+        is_top[width - 2 :: width] = is_top[width - 1 :: width] = False  # where rows meet
+        before = is_top.nonzero()[0]
+        top = before + 1
+        up, down = rise.take(before), rise.take(top)
         slope = up + down
         offset = slope / (up - down)
         both = np.empty((2, top.size))
-        np.add(self.lags.take(column), (0.5 * self._step) * offset, out=both[0])
+        np.add(self.lags.take(top, mode="wrap"), (0.5 * self._step) * offset, out=both[0])
         np.add(flat.take(top), 0.125 * slope * offset, out=both[1])
         ends = top.searchsorted(np.arange(0, flat.size + 1, width)).tolist()
         found = []
@@ -229,7 +229,7 @@ class Correlator:
     ) -> Correlation:
         """The strongest maximum by a Newton step, its standard deviation, and the signal to noise ratio."""
         (tdoas, heights), (height, slope, curvature) = maxima, moments
-        height, curvature = max(height, _TINY), max(curvature, _TINY)
+        height, curvature = max(height, SILENCE), max(curvature, SILENCE)
         tdoas[0] += min(max(slope / curvature, -self._step), self._step)
         signal, white, level = powers or (curvature, self._white[piece.band], height)
         m = piece.samples.shape[1]
@@ -240,7 +240,7 @@ class Correlator:
 
     def _std(self, noise: float, signal: float, white: float, curvature: float) -> float:
         """First-order error of the maximum, all bins independent; for `cc` and a flat band the Cramer-Rao bound."""
-        if curvature <= _TINY:
+        if curvature <= SILENCE:
             return self._largest_std
         return min(math.sqrt(noise * signal + 0.5 * noise**2 * white) / curvature, self._largest_std)
 

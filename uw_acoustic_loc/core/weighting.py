@@ -11,7 +11,7 @@ from .types import AnyArray
 
 WEIGHTINGS = ("cc", "phat", "scot", "roth", "eckart", "ml")
 _SMOOTH = 5  # bins over which spectra are averaged before they become weights: a single bin has no coherence
-_TINY = 1e-30  # power that stands for digital silence
+SILENCE = 1e-30  # power that stands for digital silence
 
 
 def bin_weights(
@@ -22,7 +22,7 @@ def bin_weights(
     cross = np.abs(np.convolve(g0 * g1.conj(), kernel, "same"))
     auto_0 = np.convolve(np.abs(g0) ** 2, kernel, "same")
     auto_1 = np.convolve(np.abs(g1) ** 2, kernel, "same")
-    tiny = 1e-6 * float(np.sqrt(auto_0.mean() * auto_1.mean())) + _TINY  # digital silence has no spectrum
+    tiny = 1e-6 * float(np.sqrt(auto_0.mean() * auto_1.mean())) + SILENCE  # digital silence has no spectrum
     if weighting == "phat":
         return np.asarray(1.0 / (cross + tiny))
     if weighting == "scot":
