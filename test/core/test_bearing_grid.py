@@ -22,10 +22,10 @@ def rays(noise_std: float, count: int = 12, seed: int = 1) -> list[Ray]:
     return [Ray(x[k], -x[k] / 4, bearings[k], noise_std) for k in range(count)]
 
 
-def test_one_bounded_bearing_gives_the_moments_of_a_sector():
+def test_one_bounded_bearing_gives_the_closed_form_of_a_sector():
     near, far = 2.0, 140.0
     fix = BearingGrid(Ray(5.0, -3.0, 0.0, HALF / math.sqrt(3)), near, far, noise="uniform", cells=400).estimate()
-    radius = 2 / 3 * (far**3 - near**3) / (far**2 - near**2) * math.sin(HALF) / HALF
+    radius = (far - near) / math.log(far / near) * math.sin(HALF) / HALF  # E[s / |s|^2] / E[1 / |s|^2]
     np.testing.assert_allclose(fix.mean, [5.0 + radius, -3.0], rtol=2e-3, atol=1e-9)
     across = (far**2 + near**2) / 2 * (1 - math.sin(2 * HALF) / (2 * HALF)) / 2
     assert fix.cov[1, 1] == pytest.approx(across, rel=0.02)
@@ -46,10 +46,12 @@ def test_it_is_the_posterior_of_a_million_draws_from_the_prior(noise):
     )
     weight = np.exp(log_weight - np.max(log_weight))
     weight /= weight.sum()
-    mean, fix = np.array([weight @ x, weight @ y]), grid.estimate()
-    off = np.stack([x, y]) - mean[:, None]
-    errors = np.sqrt((weight**2 * off**2).sum(axis=1))
-    assert np.all(np.abs(fix.mean - mean) < 4 * errors + 0.02)
+    share, fix = weight / radius**2, grid.estimate()  # the first bearing was heard at (0, 0)
+    share /= share.sum()
+    best = np.array([share @ x, share @ y])
+    off = np.stack([x, y]) - best[:, None]
+    errors = np.sqrt((share**2 * off**2).sum(axis=1))
+    assert np.all(np.abs(fix.mean - best) < 4 * errors + 0.02)
     np.testing.assert_allclose(np.sqrt(np.diag(fix.cov)), np.sqrt(weight @ (off**2).T), rtol=0.05)
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .bearing_noise import log_likelihood
+from .bearing_particles import least_relative_error
 from .geometry import wrap_angles
 from .triangulation import Fix, Ray
 from .types import Array
@@ -36,13 +37,11 @@ class BearingGrid:
             pass
 
     def estimate(self) -> Fix:
-        """Posterior mean and covariance."""
+        """The posterior's point of least relative error, seen from the first point, and the mean square about it."""
         weight = np.exp(self._log_weight - self._log_weight.max())
-        weight /= weight.sum()
-        mean = np.array([(weight * self._x).sum(), (weight * self._y).sum()])
-        dx, dy = self._x - mean[0], self._y - mean[1]
-        xx, xy, yy = ((weight * a * b).sum() for a, b in ((dx, dx), (dx, dy), (dy, dy)))
-        return Fix(mean, np.array([[xx, xy], [xy, yy]]))
+        points = np.stack([self._x.ravel(), self._y.ravel()])
+        origin = np.array(self._origin)[:, None]
+        return least_relative_error(points, weight.ravel() / weight.sum(), origin)
 
     def _lay(self, left: float, right: float, near: float, far: float) -> None:
         share = (np.arange(self._cells) + 0.5) / self._cells

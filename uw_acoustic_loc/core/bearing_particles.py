@@ -80,9 +80,8 @@ class BearingParticles:
         return wrap_angle(centre + mean), float(weight @ (spread - mean) ** 2)
 
     def estimate(self) -> Fix:
-        """Weighted mean and covariance."""
-        mean, cov = _moments(self._xy, np.exp(self._log_weight))
-        return Fix(mean, cov)
+        """The point of least relative error, seen from the first point, and the mean square about it."""
+        return least_relative_error(self._xy, np.exp(self._log_weight), self._origin, self._limits[0])
 
     @property
     def ess(self) -> float:
@@ -149,6 +148,18 @@ class BearingParticles:
     def _cartesian(self, polar: Array, heading: float) -> Array:
         angle = polar[0] + heading
         return np.asarray(self._origin + np.exp(polar[1]) * np.stack([np.cos(angle), np.sin(angle)]))
+
+
+def least_relative_error(points: Array, weight: Array, origin: Array, range_min: float = 0.0) -> Fix:
+    """The p that minimises E |s - p|^2 / |s - origin|^2, and E (s - p)(s - p)^T; points (2, n), origin (2, 1).
+
+    While the range is open the mean would lie where the prior has its area, at its far end. Once it is known the two
+    are the same. `range_min` keeps a particle that has wandered onto the origin from being the only one.
+    """
+    share = weight / np.square(points - origin).sum(axis=0).clip(min=range_min**2)
+    best = points @ share / share.sum()
+    off = points - best[:, None]
+    return Fix(best, (off * weight) @ off.T)
 
 
 def _root(cov: Array) -> Array:

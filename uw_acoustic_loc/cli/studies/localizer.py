@@ -76,9 +76,7 @@ first two uniform in area, the bank uniform in log range. The paper's EKF begins
 spread of 50 m per axis; the paper gives none. Two lines have no answer at sample 0; the prior's mean stands for it. The
 RMSE of two lines is that of a ratio whose denominator passes zero: it has no limit, only the median means something.
 
-The exact answer has the least mean square error over sources drawn from its prior. This source, at 54 m, is not drawn,
-and the guess (50, 50) is 70 m away in nearly the right direction. While the bearings tell little of the range, up to
-about sample 15, the exact answer has to allow for 140 m and so has a larger RMSE than this guess; the row with starts
-drawn from the same prior shows what the guess is worth. The medians tell the other half: most runs are settled long
-before the last.
+Particle filter and grid tell the point of least relative error: while the range is open, the mean would lie where the
+prior has its area, towards 140 m. The guess (50, 50) is 70 m away from the source, in nearly the right direction; the
+row with starts drawn from the particle filter's prior shows what that is worth.
 """

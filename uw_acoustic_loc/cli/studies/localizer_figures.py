@@ -76,7 +76,7 @@ def _distances(key: str, found: Mapping[str, Any], seed: int, number: str) -> Pi
     caption = (
         f"Distance error at each sample (Shin et al. 2013, fig. {number}), logarithmic; what is beyond 300 m "
         "is cut off. Particle filter and grid begin with a source anywhere from 1 to 140 m along the first bearing, "
-        "the EKF at a guess that happens to be good."
+        "the EKF at a guess."
     )
     return picture(f"Distance errors: {trials.COURSES[key].title}", caption, figure)
 
@@ -109,7 +109,7 @@ def _clouds(seed: int) -> Picture:
     figure, axes = canvas(1, len(_SHOTS), 3.4, sharex=True, sharey=True)
     for axis, (number, xy, mean) in zip(axes[0], _snapshots(course, heard[0], seed), strict=True):
         axis.plot(*xy, ".", color=BLUE, markersize=1.5, alpha=0.35, label="particles")
-        axis.plot(mean.real, mean.imag, "+", color=RED, markersize=9, markeredgewidth=1.6, label="their mean")
+        axis.plot(mean.real, mean.imag, "+", color=RED, markersize=9, markeredgewidth=1.6, label="estimate")
         axis.plot(course.source.real, course.source.imag, "o", color=TRUTH, fillstyle="none", label="source")
         axis.plot(course.vehicle.real[: number + 1], 0 * _NUMBER[: number + 1], color=GREEN, lw=3, label="vehicle")
         axis.set_title(f"sample {number}")
