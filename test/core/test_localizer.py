@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import csv
 import math
 from pathlib import Path
@@ -73,6 +74,23 @@ def test_a_straight_run_leaves_both_sides(method):
     assert len(fixes) == 2 and None not in fixes
     assert math.dist(fixes[0].mean, SOURCE) < 1.5
     assert math.dist(fixes[1].mean, (SOURCE[0], -SOURCE[1])) < 1.5
+
+
+@pytest.mark.parametrize("drift", [-0.003, 0.003])
+def test_a_drifting_heading_is_no_evidence_of_a_side(drift):
+    """Precise bearings from a straight run that dead reckoning bends fit one side better, be it the wrong one."""
+    std, rng, yaw_error, told = math.radians(0.1), np.random.default_rng(34), 0.0, complex(*corner(0)[:2])
+    localizer, states = SourceLocalizer(config(bearing_std=std, process_noise=0.2), 0), []
+    for k in range(320):
+        x, y, yaw = corner(k)
+        bearing = heard(x, y, yaw) + rng.normal(0, std)
+        localizer.update((k + 1) * 100_000_000, told.real, told.imag, yaw + yaw_error, wrap_angle(bearing), math.nan)
+        states.append((len(localizer.sides), localizer.mirror_probability))
+        yaw_error = drift * 0.1 * (k + 1)
+        told += (complex(*corner(k + 1)[:2]) - complex(x, y)) * cmath.exp(1j * yaw_error)
+    sides, wrong = states[199]
+    assert sides == 2 and not 1e-3 < wrong < 1 - 1e-3  # the evidence is there, and is not believed
+    assert len(localizer.sides) == 1 and math.dist(localizer.sides[0].fix.mean, SOURCE) < 2.0
 
 
 def test_correlated_errors_stay_honest():

@@ -151,6 +151,8 @@ class SourceLocalizer:
         self.used = self.unused = self.restarts = 0
         self._last_ns = 0
         self._yaw_variance = 0.0
+        self._heading = 0.0  # without leaps by 2 pi
+        self._headings = (0.0, 0.0)  # least and most since the start of the sides
 
     def update(
         self, t_ns: int, x: float, y: float, yaw: float, bearing: float, variance: float, yaw_variance: float = 0.0
@@ -171,6 +173,8 @@ class SourceLocalizer:
         images = (bearing, mirror_bearing(bearing, self.config.array_yaw))[: 1 + self.config.mirror]
         rays = [Ray(x, y, wrap_angle(yaw + image), std, share) for image in images]
         self._last_ns = t_ns
+        self._heading += wrap_angle(yaw - self._heading)
+        self._headings = min(self._headings[0], self._heading), max(self._headings[1], self._heading)
         if not self.sides:
             self._start(rays)
         else:
@@ -187,6 +191,7 @@ class SourceLocalizer:
 
     def _start(self, rays: list[Ray]) -> None:
         self.sides = [Hypothesis(ray, self.config, self._rng) for ray in rays]
+        self._headings = self._heading, self._heading
         self.used += 1
 
     def _continue(self, rays: list[Ray], duration: float, drift: Drift) -> None:
@@ -203,8 +208,10 @@ class SourceLocalizer:
         self._settle()
 
     def _settle(self) -> None:
+        """Drops a side, after a turn: on a straight track a slow error of the heading looks like evidence."""
         probability, least = self.mirror_probability, self.config.mirror_probability
-        if len(self.sides) == 2 and not least <= probability <= 1 - least:
+        turned = self._headings[1] - self._headings[0] >= TELLING_TURN
+        if len(self.sides) == 2 and turned and not least <= probability <= 1 - least:
             self.sides = [self.sides[probability > 0.5]]
 
 
@@ -233,3 +240,4 @@ def std_of(variance: float) -> float:
 
 
 _OUTLIERS = 0.05
+TELLING_TURN = math.radians(20.0)  # of the heading, before a side is dropped

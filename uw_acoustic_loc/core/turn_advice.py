@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .geometry import wrap_angle
-from .localizer import SourceLocalizer
+from .localizer import TELLING_TURN, SourceLocalizer
 from .triangulation import Fix
 
 
@@ -17,7 +17,7 @@ def advice(source: SourceLocalizer, x: float, y: float, yaw: float) -> str:
 
     Range: along the line of sight a bearing tells nothing, across it the most, so the course should be at least 60
     degrees off every place where the source may be (87 % of the most). Side: after the turn the angles from the array's
-    axis should differ by 20 degrees, or by half of what the two places are apart.
+    axis should differ by 20 degrees, or by half of what the two places are apart; and it takes TELLING_TURN.
     """
     if not source.sides:
         return ""
@@ -42,7 +42,7 @@ def best_turn(bearings: Sequence[float], *, range_open: bool, array_yaw: float) 
         shares = [abs(math.sin(b)) / _ACROSS for b in after] if range_open else []
         if len(bearings) == 2 and (apart := abs(wrap_angle(bearings[0] - bearings[1]))) > _SAME:
             angles = [abs(wrap_angle(b - array_yaw)) for b in after]
-            shares.append(abs(angles[0] - angles[1]) / min(_APART, apart / 2))
+            shares += [abs(angles[0] - angles[1]) / min(_APART, apart / 2), math.radians(abs(turn)) / TELLING_TURN]
         return min(min(shares, default=1.0), 1.0)
 
     candidates = [sign * turn for turn in range(0, 100, 10) for sign in (1, -1)]
