@@ -15,7 +15,7 @@ from .types import Array
 SIZE = 15
 POSITION, ATTITUDE, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, LOG_BIAS = slice(9, 12), slice(12, 15)
-YAW = 5
+YAW, YAW_BIAS = 5, 11
 GRAVITY = 9.81  # m/s^2
 
 

@@ -13,6 +13,7 @@ from ..contract import Emission, Input, Output, Status
 from ..core.geometry import quat_from_rpy
 from ..core.inertial import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, YAW
 from ..core.slam import Slam, SlamConfig
+from ..core.slam_passes import SlamPasses
 from ..core.types import Array, Bearing, BodyVelocity, Imu, Odometry, Position
 
 
@@ -22,9 +23,13 @@ class BearingSlamStage:
     Config: ClassVar[type] = SlamConfig
 
     def __init__(self, config: SlamConfig) -> None:
-        self._slam = Slam(config)
+        self._passes = SlamPasses(config)
         self._told_ns: dict[str, int] = {}
         self._restarts = 0
+
+    @property
+    def _slam(self) -> Slam:
+        return self._passes.slam
 
     @property
     def inputs(self) -> tuple[Input, ...]:
@@ -82,22 +87,22 @@ class BearingSlamStage:
         return [f"{words} {', '.join(names)}" for words, names in parts.items() if names]
 
     def change(self, config: SlamConfig) -> None:
-        self._slam.config = config
+        self._passes.change(config)
 
     def _on_imu(self, imu: Imu) -> Iterator[Emission]:
         """Stamps that stay far ahead are a clock set forward: where the vehicle has gone since, nothing tells."""
         if self._slam.ahead == _SET_FORWARD:
-            self._slam, self._restarts = Slam(self._slam.config), self._restarts + 1
-        self._slam.on_imu(imu.t_ns, imu.angular, imu.acceleration)
+            self._passes, self._restarts = SlamPasses(self._slam.config), self._restarts + 1
+        self._passes.on_imu(imu.t_ns, imu.angular, imu.acceleration)
         if self._due("slam/odometry", imu.t_ns, _ODOMETRY_PERIOD_NS):
             yield "slam/odometry", _odometry(imu.t_ns, self._slam)
 
     def _on_velocity(self, velocity: BodyVelocity) -> Iterator[Emission]:
-        self._slam.on_velocity(velocity.t_ns, velocity.linear)
+        self._passes.on_velocity(velocity.t_ns, velocity.linear)
         yield from ()
 
     def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
-        self._slam.on_bearing(name, bearing.t_ns, bearing.bearing, bearing.variance, bearing.position[:2])
+        self._passes.on_bearing(name, bearing.t_ns, bearing.bearing, bearing.variance, bearing.position[:2])
         fix, topic = self._slam.position(name), _position_topic(name)
         if fix is not None and self._due(topic, bearing.t_ns, _POSITION_PERIOD_NS):
             cov = np.zeros((3, 3))

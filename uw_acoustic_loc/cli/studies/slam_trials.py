@@ -12,6 +12,7 @@ import numpy as np
 from ...contract import Event
 from ...core.inertial import YAW
 from ...core.slam import Slam, SlamConfig
+from ...core.slam_passes import SlamPasses
 from ...core.triangulation import Fix
 from ...core.types import Array
 from ...sim.bearings import bearings
@@ -99,21 +100,21 @@ def trial(case: Case, run: int, seed: int) -> Run:
     """One run with its history."""
     scenario = replace(SCENARIO, seed=int(np.random.SeedSequence([seed, run]).generate_state(1)[0]))
     config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.told, range_max=RANGE_MAX)
-    slam, frame = Slam(config), _Frame()
+    passes, frame = SlamPasses(config), _Frame()
     heard: dict[str, list[tuple[float, float]]] = {name: [] for name in PLACES}
     snapshots, reckoned, truth = [], [], []
     for t_ns, topic, value in _events(scenario, case):
         time = (t_ns - scenario.start_ns) * 1e-9
         if topic == "imu/data":
-            slam.on_imu(t_ns, value.angular, value.acceleration)
+            passes.on_imu(t_ns, value.angular, value.acceleration)
         elif topic == "dvl/twist":
-            slam.on_velocity(t_ns, value.linear)
+            passes.on_velocity(t_ns, value.linear)
         elif topic == "odometry":
-            snapshots.append(frame.snapshot(slam, time))
+            snapshots.append(frame.snapshot(passes.slam, time))
             reckoned.append(frame.point(value.position[:2]))
         elif topic in _SOURCES:
             heard[_SOURCES[topic]].append((time, value.bearing))
-            slam.on_bearing(_SOURCES[topic], t_ns, value.bearing, value.variance, value.position[:2])
+            passes.on_bearing(_SOURCES[topic], t_ns, value.bearing, value.variance, value.position[:2])
         else:
             truth.append(value.position[:2])
     arrays = {name: np.array(pairs) for name, pairs in heard.items()}

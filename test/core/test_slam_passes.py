@@ -1,0 +1,93 @@
+"""A second pass of EKF-SLAM: exact where the track is linear, honest with a bad gyro, bounded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from slam_runs import BOAT, PINGERS, SCENARIO, config, errors, feed, measurements
+
+from uw_acoustic_loc.core import slam_passes
+from uw_acoustic_loc.core.inertial import YAW_BIAS
+from uw_acoustic_loc.core.slam import Slam
+from uw_acoustic_loc.core.slam_passes import SlamPasses
+from uw_acoustic_loc.sim.scenario import Scenario
+
+Event = tuple[int, str, object]
+
+
+def with_bias(bias: float, seed: int) -> tuple[Scenario, list[Event]]:
+    """A run whose yaw gyro has this bias in rad/s."""
+    scenario = replace(SCENARIO, vehicle=replace(BOAT, gyro_bias_std=0.0), seed=seed)
+    events = measurements(scenario)
+    turned = np.array([0.0, 0.0, bias])
+    biased = [(t, n, replace(v, angular=v.angular + turned) if n == "imu/data" else v) for t, n, v in events]
+    return scenario, biased
+
+
+@pytest.mark.parametrize("walk", [1e-5, 1e-3])
+def test_where_the_track_is_linear_the_point_of_linearisation_does_not_matter(walk):
+    events, moving = measurements(replace(SCENARIO, duration=4.0), pingers={}), config(gyro_bias_walk=walk)
+    there, here = Slam(moving, 1e-4), Slam(moving)
+    feed(there, events)
+    assert there.joint.mean[YAW_BIAS] == pytest.approx(1e-4, abs=2e-5)
+    there.restore_prior()
+    feed(here, events)
+    np.testing.assert_allclose(there.joint.mean, here.joint.mean, atol=2e-6)  # without restoring 3e-4
+    np.testing.assert_allclose(there.joint.cov, here.joint.cov, atol=1e-7)
+
+
+def test_a_gyro_bias_of_three_sigma_does_not_change_the_result():
+    """With the same noise and the opposite bias, pingers end at the same place; after one pass alone 0.5 m apart."""
+    ends = []
+    for bias in (6e-3, -6e-3):
+        scenario, events = with_bias(bias, 5)
+        passes = SlamPasses(config())
+        feed(passes, events)
+        assert passes.slam.linearised_at == pytest.approx(bias, abs=1e-3)
+        ends.append(passes.slam)
+        assert max(distance for distance, _ in errors(passes.slam, scenario).values()) < 0.8
+    for name in PINGERS:
+        one, other = (slam.position(name) for slam in ends)
+        assert one is not None and other is not None
+        np.testing.assert_allclose(one.mean, other.mean, atol=0.05)
+        np.testing.assert_allclose(one.cov, other.cov, rtol=0.1)
+
+
+def test_a_pass_that_has_caught_up_is_one_from_the_start():
+    """Bit for bit, with the measurements that came while it was under way."""
+    scenario, events = with_bias(6e-3, 5)
+    passes, taken = SlamPasses(config()), 0
+    while passes.slam.linearised_at == 0:
+        feed(passes, events[taken : taken + 1])
+        taken += 1
+    alone = Slam(config(), passes.slam.linearised_at)
+    feed(alone, events[:taken])
+    alone.restore_prior()
+    np.testing.assert_array_equal(passes.slam.joint.mean, alone.joint.mean)
+    np.testing.assert_array_equal(passes.slam.joint.cov, alone.joint.cov)
+    assert 20.0 < (events[taken][0] - scenario.start_ns) * 1e-9 < 80.0
+
+
+def test_no_pass_goes_through_what_is_forgotten(monkeypatch):
+    """Neither what is older than the memory nor what was heard under another configuration."""
+    _, events = with_bias(6e-3, 5)
+    soon = [e for e in events if e[0] < events[0][0] + 70_000_000_000]
+    reconfigured = SlamPasses(config())
+    feed(reconfigured, soon[: len(soon) // 4])
+    reconfigured.change(config(gate_sigma=6.0))
+    feed(reconfigured, soon[len(soon) // 4 :])
+    monkeypatch.setattr(slam_passes, "_MEMORY", 10.0)
+    forgetful = SlamPasses(config())
+    feed(forgetful, soon)
+    assert reconfigured.slam.linearised_at == forgetful.slam.linearised_at == 0
+    assert reconfigured.slam.config.gate_sigma == 6.0
+
+
+def test_a_refused_measurement_is_not_remembered():
+    passes, level = SlamPasses(config()), np.array([0.0, 0.0, 9.81])
+    passes.on_imu(1_000_000_000, np.zeros(3), level)
+    with pytest.raises(ValueError, match="must come after"):
+        passes.on_imu(1_000_000_000, np.zeros(3), level)
+    assert len(passes._past) == 1
