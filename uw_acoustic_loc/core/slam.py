@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..config import param
-from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, YAW_BIAS, moved
+from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, moved
 from .joint import Joint, Prediction
 from .localizer import check_ranges, check_source_ids, independent_share, std_of
 from .slam_pinger import Pinger, Pose
@@ -62,22 +62,16 @@ class Slam:
     """The vehicle starts at the origin of odom, level, yaw 0. Measurements come in stamp order.
 
     Biases of the gyro and of the Doppler log are states: as white noise they would make the estimate overconfident.
-    Bearing errors with a correlation time count with `independent_share`. `linearised_at` is the bias in rad/s of the
-    yaw gyro at which the track is begun in place of the prior's mean of 0; `restore_prior` makes good for it.
+    Bearing errors with a correlation time count with `independent_share`.
     """
 
-    def __init__(self, config: SlamConfig, linearised_at: float = 0.0) -> None:
-        self.config, self.linearised_at = config, linearised_at
+    def __init__(self, config: SlamConfig) -> None:
+        self.config = config
         variances = np.zeros(SIZE)
         variances[ATTITUDE] = config.tilt_std**2, config.tilt_std**2, 0.0
         variances[VELOCITY] = _START_SPEED**2
         variances[GYRO_BIAS], variances[LOG_BIAS] = config.gyro_bias_std**2, config.dvl_bias_std**2
-        mean, copied = np.zeros(SIZE), np.zeros((2, SIZE))
-        mean[YAW_BIAS] = linearised_at
-        copied[0, YAW_BIAS] = 1.0
-        self.joint = Joint(mean, variances)
-        begun = Fix(np.array([linearised_at, 0.0]), np.zeros((2, 2)))
-        self._begun = self.joint.add(begun, copied) if linearised_at else None  # the bias at the start, as a state
+        self.joint = Joint(np.zeros(SIZE), variances)
         self.pingers: dict[str, Pinger] = {}
         self.dvl = Counts()
         self.imu_gaps = 0  # longer than imu_timeout
@@ -153,14 +147,6 @@ class Slam:
     def position(self, source_id: str) -> Fix | None:
         """Where a pinger is; None while its side or its range is not known."""
         return self.pingers[source_id].fix if source_id in self.pingers else None
-
-    def restore_prior(self) -> None:
-        """Moves the mean by what a prior at 0 differs from one at `linearised_at`: a factor linear in the exponent."""
-        if self._begun is not None:
-            pull = self.linearised_at / self.config.gyro_bias_std**2
-            self.joint.mean -= pull * self.joint.cov[:, self._begun.start]
-            self.joint.remove(self._begun)
-            self._begun = None
 
     def _after_gap(self) -> None:
         """Lines from before and after do not belong to one known track."""

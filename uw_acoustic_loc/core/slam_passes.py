@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from .inertial import YAW_BIAS
+import numpy as np
+
+from .inertial import SIZE, YAW_BIAS
 from .slam import Slam, SlamConfig
+from .triangulation import Fix
 from .types import Array
 
 Event = Callable[[Slam], None]
@@ -22,7 +25,8 @@ class SlamPasses:
 
     def __init__(self, config: SlamConfig) -> None:
         self.slam = Slam(config)
-        self._again: Slam | None = None
+        self.linearised_at = 0.0  # rad/s
+        self._again: Pass | None = None
         self._past: list[Event] | None = []  # None when forgotten
         self._next = 0  # event that the pass under way takes next
         self._begin_ns = 0
@@ -55,7 +59,7 @@ class SlamPasses:
             return
         self._past.append(event)
         if self._again is None and self._bent(age):
-            self._again, self._next = Slam(self.slam.config, self.slam.joint.mean.item(YAW_BIAS)), 0
+            self._again, self._next = Pass(self.slam.config, self.slam.joint.mean.item(YAW_BIAS)), 0
         if self._again is not None:
             self._catch_up(self._again, self._past)
 
@@ -64,16 +68,35 @@ class SlamPasses:
         joint = self.slam.joint
         if not self.slam.config.gyro_bias_std:
             return False
-        shift = abs(joint.mean.item(YAW_BIAS) - self.slam.linearised_at)
+        shift = abs(joint.mean.item(YAW_BIAS) - self.linearised_at)
         return shift * age > _BEARABLE and shift > _SURE * math.sqrt(joint.cov.item(YAW_BIAS, YAW_BIAS))
 
-    def _catch_up(self, again: Slam, past: list[Event]) -> None:
+    def _catch_up(self, again: Pass, past: list[Event]) -> None:
         for event in past[self._next : self._next + _PACE]:
-            event(again)
+            event(again.slam)
         self._next += _PACE
         if self._next >= len(past):
             again.restore_prior()
-            self.slam, self._again = again, None
+            self.slam, self.linearised_at, self._again = again.slam, again.linearised_at, None
+
+
+class Pass:
+    """A filter that begins at some bias of the yaw gyro in rad/s, as if that were the prior's mean."""
+
+    def __init__(self, config: SlamConfig, linearised_at: float) -> None:
+        self.slam, self.linearised_at = Slam(config), linearised_at
+        joint, copied = self.slam.joint, np.zeros((2, SIZE))
+        joint.mean[YAW_BIAS] = linearised_at
+        copied[0, YAW_BIAS] = 1.0
+        self._begun = joint.add(Fix(np.array([linearised_at, 0.0]), np.zeros((2, 2))), copied)
+
+    def restore_prior(self) -> None:
+        """Moves the mean to where a prior of mean 0 has it: the ratio of both priors is an exponential of the bias at the
+        start, which is a state beside the one that walks.
+        """
+        joint = self.slam.joint
+        joint.mean -= self.linearised_at / self.slam.config.gyro_bias_std**2 * joint.cov[:, self._begun.start]
+        joint.remove(self._begun)
 
 
 _MEMORY = 300.0  # s
