@@ -91,8 +91,9 @@ class Pass:
         self._begun = joint.add(Fix(np.array([linearised_at, 0.0]), np.zeros((2, 2))), copied)
 
     def restore_prior(self) -> None:
-        """Moves the mean to where a prior of mean 0 has it: the ratio of both priors is an exponential of the bias at the
-        start, which is a state beside the one that walks.
+        """Moves the mean to where a prior of mean 0 has it.
+
+        The ratio of both priors is an exponential of the bias at the start, which is a state beside the one that walks.
         """
         joint = self.slam.joint
         joint.mean -= self.linearised_at / self.slam.config.gyro_bias_std**2 * joint.cov[:, self._begun.start]
