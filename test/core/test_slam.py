@@ -13,6 +13,7 @@ from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.core.inertial import SIZE, YAW
 from uw_acoustic_loc.core.joint import Joint, regression
 from uw_acoustic_loc.core.slam import Slam
+from uw_acoustic_loc.core.slam_passes import SlamPasses
 from uw_acoustic_loc.core.slam_pinger import Lines, Pose
 from uw_acoustic_loc.core.triangulation import Fix
 from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint
@@ -22,9 +23,9 @@ def test_honest_and_near_over_seeds():
     runs = [replace(SCENARIO, seed=seed) for seed in range(4)]
     found = []
     for scenario in runs:
-        slam = Slam(config())
-        feed(slam, measurements(scenario))
-        found.append(errors(slam, scenario))
+        passes = SlamPasses(config())
+        feed(passes, measurements(scenario))
+        found.append(errors(passes.slam, scenario))
     nees = [run[name][1] for run in found for name in run]
     assert 0.5 < np.mean(nees) < 1.6 and max(nees) < 15
     for name in PINGERS:

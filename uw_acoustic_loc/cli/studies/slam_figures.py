@@ -45,7 +45,7 @@ def _bearings(run: Run) -> Picture:
 
 
 def _snapshots(run: Run) -> Picture:
-    figure, axes = canvas(1, 3, 3.4, sharey=True)
+    figure, axes = canvas(1, 3, 3.8, sharey=True)
     last = len(run.snapshots) - 1
     first = next((k for k, s in enumerate(run.snapshots) if len(s.pingers) == len(trials.PLACES)), last // 2)
     for axis, k in zip(axes[0], (first, last // 2, last), strict=True):
