@@ -51,9 +51,9 @@ def test_pingers_are_found_soon(tmp_path):
 @pytest.mark.slow
 def test_every_pinger_is_found_from_its_sound(tmp_path):
     """All errors of a run are nearly one, of its scale and yaw: two degrees of freedom. So the mean NEES of five runs
-    is chi-square(10) / 10, and outside 0.12 to 3.1 once in a thousand. Over 16 other seeds the runs' spread was 1.2 where
-    that says 1.0. One of those 48 pingers was 0.62 m off, by the log's bias; the track's RMS was 0.3 m in the median
-    and at most 0.63 m.
+    is chi-square(10) / 10, and outside 0.12 to 3.1 once in a thousand. Over 16 other seeds the runs' spread was 1.2,
+    where that says 1.0. One of those 48 pingers was 0.62 m off, by the log's bias; the track's RMS was 0.3 m in the
+    median and at most 0.63 m.
     """
     nees, squares, drifts = [], [], []
     for seed in (52, 53, 54, 55, 56):
