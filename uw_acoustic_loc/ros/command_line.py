@@ -18,7 +18,7 @@ from ..wire.codec import codec
 from ..wiring import DriverWiring, Wiring
 
 _OURS = (*SOURCES, *STAGES, "recorder", "player")
-_LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
+LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
 
 
 def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWiring | None) -> list[str]:
@@ -44,7 +44,7 @@ def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWir
         overrides |= node.params
     if driver:
         overrides["scenario"] = driver.scenario_file
-        overrides |= {} if sim_time else {"start_time": int(time.time()) + _LEAD_S}
+        overrides |= {} if sim_time else {"start_time": int(time.time()) + LEAD_S}
     for key, value in overrides.items():
         arguments += ["-p", f"{key}:={value}"]
     return _program(node, graph) + arguments
