@@ -45,7 +45,7 @@ class DriverNode:
 
     def idle(self) -> float:
         """Publishes all events that are due; returns the time to the next one."""
-        now_ns = self.node.get_clock().now().nanoseconds - self._shift_ns
+        now_ns = self._now_ns()
         if now_ns <= 0:
             return 0.1  # simulated time has not started
         if not self._started:
@@ -57,11 +57,15 @@ class DriverNode:
         self._reached_ns = now_ns
         if self._next is None:
             return 0.1
-        return min(0.1, max(0.0005, (self._next[0] - now_ns) * 1e-9))
+        return min(0.1, max(0.0005, (self._next[0] - self._now_ns()) * 1e-9))  # making an event takes its time
 
     def close(self) -> None:
         """Waits until everything that was sent has arrived."""
         self._publishers.wait_acknowledged()
+
+    def _now_ns(self) -> int:
+        now_ns: int = self.node.get_clock().now().nanoseconds
+        return now_ns - self._shift_ns
 
     def _configure(self) -> DriverConfig:
         try:
