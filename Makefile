@@ -34,8 +34,8 @@ $(VENV)/ready: setup.py setup.cfg Makefile
 	touch $@
 
 benchmark:
-	test -x $(VENV)/bench/bin/python || $(PYTHON) -m venv $(VENV)/bench
-	$(VENV)/bench/bin/pip install --quiet --requirement benchmarks/requirements.txt --editable .
+	test -x $(VENV)/bench/bin/python || $(PYTHON) -m venv $(VENV_OPTIONS) $(VENV)/bench
+	$(VENV)/bench/bin/pip install --quiet --requirement benchmarks/requirements.txt --editable '.[$(EXTRAS)]'
 	missed=0; for script in benchmarks/bench_*.py; do $(VENV)/bench/bin/python $$script || missed=1; done; exit $$missed
 
 clean:

@@ -3,7 +3,8 @@
 The harbour scenario without /clock: two hydrophones at 100 kHz in frames of 100 ms, three pingers of 10 pings/s, IMU at
 100 Hz; every node is a process of its own as `uwloc launch` starts it, with the recorder. Latency is from the end of the
 frame that completes a ping, when its last sample exists, to the bearing's arrival at the recorder. Processor time is the
-kernel's count per process; the start of the nodes and their end are left out.
+kernel's count per process; the start of the nodes and their end are left out. The goal is for everything that runs:
+estimators, simulated drivers, recorder and launcher.
 """
 
 from __future__ import annotations
@@ -145,7 +146,9 @@ def processors(meter: Meter) -> bool:
     """Percent of one core."""
     for name, percent in sorted(meter.percent.items(), key=lambda item: -item[1]):
         line(f"CPU of {name}, % of a core", percent)
-    sums = {what: sum(meter.percent[n] for n in names) for what, names in (("estimators", STAGES), ("drivers", SOURCES))}
+    sums = {
+        what: sum(meter.percent[n] for n in names) for what, names in (("estimators", STAGES), ("drivers", SOURCES))
+    }
     for what, percent in sums.items():
         line(f"CPU of all {what}", percent)
     good = line("CPU of all processes", sum(meter.percent.values()), CPU_PERCENT)

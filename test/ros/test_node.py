@@ -62,9 +62,10 @@ def test_what_is_malformed_is_counted_and_named_in_diagnostics(bench: Bench, tmp
     bench.publish(topic, offset(1, float("nan")))
     bench.publish(topic, offset(2, 1.0, frame="odom"))
     bench.publish_message(topic, form.msgtype, form.encode(RosMake(), Point(0, np.zeros(3), "map")))
+    bench.publish_message(topic, form.msgtype, b"\0\1\0\0no such message")
     bench.publish(topic, offset(3, 1.0))
     key = "mooring/m1/offset malformed"
-    bench.wait(lambda: seen.get(key) == "3" and seen.get("mooring/m1/offset received") == "5", "diagnostics")
+    bench.wait(lambda: seen.get(key) == "4" and seen.get("mooring/m1/offset received") == "6", "diagnostics")
     assert bench.processes[name].poll() is None, "the node lives"
 
 

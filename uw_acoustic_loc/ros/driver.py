@@ -41,7 +41,7 @@ class DriverNode:
         self._shift_ns = self._shift(config, scenario.start_ns)
         self._send_latched()
         Diagnostics(self.node, self._status)
-        SyncService(self.node, self._report, lambda: None)
+        SyncService(self.node, self._report, self._finish)
 
     def idle(self) -> float:
         """Publishes all events that are due; returns the time to the next one."""
@@ -109,6 +109,9 @@ class DriverNode:
         self._publishers.send(topic, value)
         if topic == "odometry" and isinstance(value, Odometry):
             self._transforms.send(value)
+
+    def _finish(self) -> None:
+        self._next = None
 
     def _status(self) -> Status:
         values = {f"{topic} sent": sent for topic, sent in self._publishers.sent.items()}

@@ -13,16 +13,13 @@ from std_srvs.srv import SetBool
 
 from ..contract import Output
 from ..wire.codec import codec
-from .types import RosMake, message_class, publisher_qos, subscriber_qos
-
-_MAKE = RosMake()
+from .types import message_class, publisher_qos, subscriber_qos, to_dds
 
 
 class Publishers:
     """The node's outputs; `send` takes core values."""
 
     def __init__(self, node: Node, outputs: tuple[Output, ...]) -> None:
-        self._kinds = {output.topic: codec(output.kind) for output in outputs}
         self._publishers = {
             output.topic: node.create_publisher(
                 message_class(codec(output.kind).msgtype),
@@ -36,7 +33,7 @@ class Publishers:
 
     def send(self, topic: str, value: Any) -> None:
         """Publishes a core value on one of the outputs."""
-        self._publishers[topic].publish(self._kinds[topic].encode(_MAKE, value))
+        self._publishers[topic].publish(to_dds(value))
         self.sent[topic] += 1
 
     def wait_acknowledged(self) -> None:

@@ -27,6 +27,7 @@ from .types import clock_message
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
 _DRAIN_S = 30.0
 _TICK_S = 0.02  # real time between two /clock messages
+_LOOK_S = 0.1  # between two looks at the processes where there is no /clock
 _WINDOW_S = 0.25  # of the clock, after which it waits for the slowest node: half of what inputs wait for each other
 _CATCH_UP_S = 2.0
 _ALL_EVERY = 8  # windows between two checks of the nodes that have a single input, and so no order to lose
@@ -152,7 +153,7 @@ class Launcher:
                 break
             self._executor.spin_once(timeout_sec=0.0)
             if not self._clock or (time.monotonic() - begun) * rate < checked + _WINDOW_S:
-                time.sleep(_TICK_S)
+                time.sleep(_TICK_S if self._clock else _LOOK_S)
         return 0
 
     def _tick(self, now: float) -> None:
@@ -191,6 +192,8 @@ class Launcher:
         code = 0
         drivers = [n.full_name for n in self._graph.nodes if n.executable in SOURCES]
         estimators = [w.node.full_name for w in self._wirings if w.node.executable in STAGES]
+        if not self._sim_time:  # a clock that stands still has ended them already
+            self._sync.ask(drivers, finish=True, timeout_s=5.0)
         self._drain()
         for name in estimators:
             self._sync.ask([name], finish=True, timeout_s=5.0)
