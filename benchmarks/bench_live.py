@@ -1,10 +1,10 @@
 """The live graph over DDS in real time: how soon a bearing follows its last sample, what is lost, what it costs.
 
-The harbour scenario without /clock: two hydrophones at 100 kHz in frames of 100 ms, three pingers of 10 pings/s, IMU at
-100 Hz; every node is a process of its own as `uwloc launch` starts it, with the recorder. Latency is from the end of the
-frame that completes a ping, when its last sample exists, to the bearing's arrival at the recorder. Processor time is the
-kernel's count per process; the start of the nodes and their end are left out. The goal is for everything that runs:
-estimators, simulated drivers, recorder and launcher.
+The harbour scenario without /clock: two hydrophones at 100 kHz in frames of 100 ms, three pingers of 10 pings/s, IMU
+at 100 Hz; every node is a process of its own as `uwloc launch` starts it, with the recorder. Latency is from the end of
+the frame that completes a ping, when its last sample exists, to the bearing's arrival at the recorder. Processor time
+is the kernel's count per process; the start of the nodes and their end are left out. The goal is for everything that
+runs: estimators, simulated drivers, recorder and launcher.
 """
 
 from __future__ import annotations
