@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from uw_acoustic_loc.ros.processes import SharedMemory
 from uw_acoustic_loc.ros.sync import SyncClient
-from uw_acoustic_loc.ros.types import RosMake, message_class, publisher_qos, subscriber_qos
+from uw_acoustic_loc.ros.types import RosMake, message_class, qos
 from uw_acoustic_loc.wire.codec import codec
 
 WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
@@ -70,7 +70,7 @@ class Bench:
     def publish_message(self, topic: str, msgtype: str, message: Any, latched: bool = False) -> None:
         """Publishes a message."""
         if topic not in self._publishers:
-            publisher = self.node.create_publisher(message_class(msgtype), topic, publisher_qos(latched))
+            publisher = self.node.create_publisher(message_class(msgtype), topic, qos(latched))
             self._publishers[topic] = publisher
             self.wait(lambda: publisher.get_subscription_count() > 0, f"a reader of {topic}")
             self.wait(lambda: self._heard(topic), f"{topic} to be heard")
@@ -93,7 +93,7 @@ class Bench:
             message_class(form.msgtype),
             topic,
             lambda message: self.received[topic].append(form.decode(message, 0)),
-            subscriber_qos(latched=False),
+            qos(latched=False),
         )
         self.wait(lambda: subscription.get_publisher_count() > 0, f"a writer of {topic}")
 

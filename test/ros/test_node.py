@@ -69,6 +69,19 @@ def test_what_is_malformed_is_counted_and_named_in_diagnostics(bench: Bench, tmp
     assert bench.processes[name].poll() is None, "the node lives"
 
 
+def test_a_node_that_is_held_up_catches_up_and_loses_nothing(bench: Bench, tmp_path: Path) -> None:
+    name = bench.start("mooring_tracker", params=PARAMS, folder=tmp_path)
+    topic = "/mooring/m1/offset"
+    bench.publish(topic, offset(0, 1.0))
+    bench.processes[name].send_signal(signal.SIGSTOP)
+    for k in range(1, 800):  # more than what DDS holds in shared memory
+        bench.publish(topic, offset(k, 1.0))
+    bench.processes[name].send_signal(signal.SIGCONT)
+    bench.wait(lambda: bench.report(name)["in"][topic]["taken"] == 800, "all messages")
+    counts = {(c["topic"], c["what"]): c["count"] for c in bench.report(name, finish=True)["counts"]}
+    assert counts["mooring/m1/offset", "used"] == 800
+
+
 def test_parameters_are_declared_with_unit_and_checked_when_changed(bench: Bench, tmp_path: Path) -> None:
     bench.start("mooring_tracker", params=PARAMS, folder=tmp_path)
     request = DescribeParameters.Request(names=["mass"])

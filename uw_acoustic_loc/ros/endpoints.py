@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 
 from ..contract import Output
 from ..wire.codec import codec
-from .types import message_class, publisher_qos, subscriber_qos, to_dds
+from .types import message_class, publisher_qos, qos, to_dds
 
 
 class Publishers:
@@ -24,7 +24,7 @@ class Publishers:
             output.topic: node.create_publisher(
                 message_class(codec(output.kind).msgtype),
                 output.topic,
-                publisher_qos(output.latched),
+                publisher_qos(output),
                 qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             )
             for output in outputs
@@ -69,7 +69,7 @@ class Subscriptions:
             message_class(msgtype),
             topic,
             taken,
-            subscriber_qos(latched),
+            qos(latched),
             raw=raw,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )

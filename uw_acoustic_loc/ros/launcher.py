@@ -21,7 +21,7 @@ from ..stages.catalog import STAGES
 from ..wiring import DriverWiring, Wiring, upstream_first, wire
 from .command_line import command_line, recorder_node
 from .processes import USER_ERROR, NodeProcess, SharedMemory
-from .sync import PlayerWatch, Reports, SyncClient, behind, outstanding, unmatched
+from .sync import PlayerWatch, Reports, SyncClient, behind, missed, outstanding, unmatched
 from .types import clock_message
 
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
@@ -72,6 +72,7 @@ class Launcher:
         self._processes: dict[str, NodeProcess] = {}
         self._player = next((node.full_name for node in run.extra if node.executable == "player"), "")
         self._stopped = False
+        self._lost: dict[tuple[str, str], int] = {}  # messages by reader and topic, said and not waited for again
         self.books: Reports = {}  # what each node had taken and sent at the end
 
     def run(self) -> int:
@@ -213,9 +214,10 @@ class Launcher:
 
     def _drain(self) -> None:
         """Waits until everything that was published has been taken by whoever subscribed all the time."""
-        wrong = self._sync.until(self._steady(), lambda reports: outstanding(reports, {}), _DRAIN_S)
+        wrong = self._sync.until(self._steady(), lambda reports: outstanding(reports, {}, self._lost), _DRAIN_S)
         if wrong:
             self._log("launcher", f"lost on the way: {'; '.join(wrong)}")
+            self._lost = missed(self._sync.ask(self._steady(), finish=False, timeout_s=5.0))
 
     def _steady(self) -> list[str]:
         """Nodes that have run since the start: the books of the others are not complete."""

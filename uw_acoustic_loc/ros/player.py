@@ -26,7 +26,7 @@ from .endpoints import SyncService
 from .parameters import declare, given_parameters
 from .spin import Stop
 from .sync import Reports, SyncClient, outstanding, unmatched
-from .types import clock_message, message_class, subscriber_qos
+from .types import clock_message, message_class, qos
 
 _WINDOW = 200  # messages outstanding at most: well below the readers' depth
 _WINDOW_NS = 250_000_000  # and no more of the bag's time: half of what inputs wait for each other
@@ -65,7 +65,7 @@ class PlayerNode:
             topic.name: self.node.create_publisher(
                 message_class(topic.msgtype),
                 topic.name,
-                subscriber_qos(topic.latched),  # as deep as the readers
+                qos(topic.latched),  # as deep as the readers
             )
             for topic in self._bag.topics.values()
             if not self._config.topics or topic.name in self._config.topics

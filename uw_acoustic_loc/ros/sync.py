@@ -74,6 +74,7 @@ _ASK_S = 0.5
 _DEAD_S = 180.0  # it waits a minute for nodes that do not follow, and then says so itself
 
 Reports = Mapping[str, Mapping[str, Any]]
+_NONE: Mapping[tuple[str, str], int] = {}
 
 
 def unmatched(reports: Reports, writers: Mapping[str, int]) -> list[str]:
@@ -96,17 +97,35 @@ def unmatched(reports: Reports, writers: Mapping[str, int]) -> list[str]:
     ]
 
 
-def outstanding(reports: Reports, sent: Mapping[str, int]) -> list[str]:
-    """Inputs of the reporting nodes that have not taken all that they, and others (`sent`), have published."""
-    expected = Counter(sent)
-    for report in reports.values():
-        expected.update({topic: out["sent"] for topic, out in report["out"].items()})
+def outstanding(reports: Reports, sent: Mapping[str, int], lost: Mapping[tuple[str, str], int] = _NONE) -> list[str]:
+    """Inputs of the reporting nodes that have not taken all that they, and others (`sent`), have published, but for
+    what is known to be `lost` by node and topic.
+    """
+    expected = _published(reports, sent)
     return [
         f"{name} took {seen['taken']} of {expected[topic]} on {topic}"
         for name, report in reports.items()
         for topic, seen in report["in"].items()
-        if seen["taken"] < expected[topic]
+        if seen["taken"] + lost.get((name, topic), 0) < expected[topic]
     ]
+
+
+def missed(reports: Reports) -> dict[tuple[str, str], int]:
+    """How many messages of the reporting nodes each has not taken, by node and topic."""
+    expected = _published(reports, {})
+    return {
+        (name, topic): expected[topic] - seen["taken"]
+        for name, report in reports.items()
+        for topic, seen in report["in"].items()
+        if seen["taken"] < expected[topic]
+    }
+
+
+def _published(reports: Reports, sent: Mapping[str, int]) -> Counter[str]:
+    expected = Counter(sent)
+    for report in reports.values():
+        expected.update({topic: out["sent"] for topic, out in report["out"].items()})
+    return expected
 
 
 def behind(reports: Reports, t_ns: int) -> list[str]:

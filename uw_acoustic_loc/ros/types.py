@@ -11,10 +11,12 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
+from ..contract import Output
 from ..wire.codec import codec
 
-# A subscriber is allowed to fall this far behind before it loses messages; a publisher keeps 10.
-READER_DEPTH = 1000
+# So many messages may a subscriber fall behind before it loses any: in its own queue while it is busy, and in the
+# publisher's while its process is held up. 10 s of an IMU at 100 Hz, and of a record, which may be long, 100 messages.
+_DEPTH, _RECORDS = 1000, 100
 
 
 @cache
@@ -85,15 +87,13 @@ def _deserialized(msgtype: str, data: bytes) -> Any:
         raise ValueError(f"{msgtype}: {len(data)} bytes cannot be decoded ({error})") from None
 
 
-def publisher_qos(latched: bool) -> QoSProfile:
+def publisher_qos(output: Output) -> QoSProfile:
+    """Of an output."""
+    return qos(output.latched, _DEPTH if is_raw(output.kind) else _RECORDS)
+
+
+def qos(latched: bool, depth: int = _DEPTH) -> QoSProfile:
     """Reliable; latched topics keep their last value for whoever comes later."""
     if latched:
         return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
-    return QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
-
-
-def subscriber_qos(latched: bool) -> QoSProfile:
-    """Reliable, and deep enough for a reader that is held up."""
-    if latched:
-        return publisher_qos(latched=True)
-    return QoSProfile(depth=READER_DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
+    return QoSProfile(depth=depth, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
