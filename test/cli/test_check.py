@@ -86,6 +86,16 @@ def test_each_violation_is_one_sentence(bag: Path, tmp_path: Path, wanted: dict,
     assert violations(bag, tmp_path, {"topics": [{"name": ODOMETRY, **wanted}]}) == [sentence]
 
 
+def test_the_hash_is_that_of_uwloc_hash(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["hash", str(bag), "--json"]) == 0
+    digest = json.loads(capsys.readouterr().out)["topics"][ODOMETRY]["sha256"]
+    topic = {"name": ODOMETRY, "sha256": digest}
+    assert violations(bag, tmp_path, {"topics": [topic]}) == []
+    other = "0" * 63 + "f"
+    sentence = f"{ODOMETRY} sha256 must be {other}, got {digest}"
+    assert violations(bag, tmp_path, {"topics": [topic | {"sha256": other}]}) == [sentence]
+
+
 def test_topics_and_scores_that_are_not_there(bag: Path, tmp_path: Path) -> None:
     content = {"topics": [{"name": "/no"}], "scores": [{"name": "bearing.z.rmse_deg", "range": [0, 1]}]}
     assert violations(bag, tmp_path, content) == [
@@ -128,6 +138,11 @@ def test_damage_is_a_violation_unless_it_is_expected(tmp_path: Path) -> None:
         ("topics: [{name: /x, count: [1]}]", "count must have 2 elements, got 1"),
         ("topics: [{name: /x, count: [2, 1]}]", "count must be [lowest, highest], got [2, 1]"),
         ("topics: [{name: /x, values: [{field: y}]}]", "key 'range' is missing"),
+        (
+            "topics: [{name: /x, sha256: abc}]",
+            "sha256 must be 64 hexadecimal digits as uwloc hash prints them, got 'abc'",
+        ),
+        ("topics: [{name: /diagnostics, sha256: %s}]" % ("a" * 64), "sha256 of /diagnostics cannot be expected"),
         ("scores: [{name: x, range: []}]", "range must be [lowest, highest], got []"),
         ("[1]", "must be a mapping of keys to values"),
         ("{", "is not valid YAML"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from .reader import Bag, Record
@@ -21,15 +22,16 @@ class Fingerprint:
     digest: str
 
 
-def fingerprints(bag: Bag) -> dict[str, Fingerprint]:
-    """Per topic, by name; the timer-driven ones are left out.
+def fingerprints(bag: Bag, topics: Collection[str] | None = None) -> dict[str, Fingerprint]:
+    """Per topic, by name, of these topics or of all; the timer-driven ones are left out.
 
     The SHA-256 of the messages are added up, so that the bag may be of any size and the messages in any order: a stamp
     is part of its message. Messages without a header count with their place among those of the topic.
     """
     counts: dict[str, int] = {}
     sums: dict[str, int] = {}
-    for record in bag.records([topic for topic in bag.topics if topic not in TIMER_DRIVEN]):
+    wanted = bag.topics if topics is None else topics
+    for record in bag.records([topic for topic in wanted if topic not in TIMER_DRIVEN]):
         place = counts.get(record.topic, 0)
         digest = hashlib.sha256(_payload(record, place)).digest()
         counts[record.topic] = place + 1

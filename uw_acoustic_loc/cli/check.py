@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from ..bag.fingerprint import TIMER_DRIVEN, fingerprints
 from ..bag.reader import Bag
 from ..bag.survey import TopicSurvey, survey
 from ..bag.types import deserialize
@@ -47,11 +49,16 @@ class ExpectedTopic:
     rate: tuple[float, ...] = param((), unit="Hz", low=0, length=2)
     longest_gap: float = param(0.0, unit="s", low=0, doc="between two messages; 0 = any")
     stamps_back: bool = param(True, doc="whether stamps may go back")
+    sha256: str = param("", doc="of all messages, as uwloc hash prints it")
     values: tuple[ExpectedField, ...] = param(())
 
     def __post_init__(self) -> None:
         _ordered("count", self.count)
         _ordered("rate", self.rate)
+        if self.sha256 and not re.fullmatch("[0-9a-f]{64}", self.sha256):
+            raise ValueError(f"sha256 must be 64 hexadecimal digits as uwloc hash prints them, got '{self.sha256}'")
+        if self.sha256 and self.name in TIMER_DRIVEN:
+            raise ValueError(f"sha256 of {self.name} cannot be expected: uwloc hash leaves out what timers make")
 
 
 @dataclass(frozen=True)
@@ -122,6 +129,8 @@ def checked(path: Path, expected: Expected) -> Iterator[Check]:
             yield Check(wanted.name, "in the bag", "nothing of that name", False)
             continue
         yield from _of_topic(wanted, topic)
+        if wanted.sha256:
+            yield _of_hash(bag, wanted)
         for one in wanted.values:
             yield _of_field(bag, wanted.name, one)
     if expected.scores:
@@ -148,6 +157,12 @@ def _of_topic(wanted: ExpectedTopic, topic: TopicSurvey) -> Iterator[Check]:
         yield _in_range(f"{name} longest interval in s", (0.0, wanted.longest_gap), topic.longest_interval_s)
     if not wanted.stamps_back:
         yield _in_range(f"{name} stamps that go back", (0, 0), topic.stamps_back)
+
+
+def _of_hash(bag: Bag, wanted: ExpectedTopic) -> Check:
+    hashed = fingerprints(bag, [wanted.name]).get(wanted.name)
+    digest = hashed.digest if hashed else "no message"
+    return Check(f"{wanted.name} sha256", wanted.sha256, digest, digest == wanted.sha256)
 
 
 def _of_field(bag: Bag, topic: str, wanted: ExpectedField) -> Check:
