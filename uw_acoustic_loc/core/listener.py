@@ -155,12 +155,18 @@ def check_info(info: HydrophoneInfo) -> None:
             raise ValueError(f"hydrophones/info: {name} must be from {low:g} to {high:g}, got {value!r}")
 
 
+_LOUDEST = 1e10  # Pa, far beyond any sound; squares of spectra of louder samples overflow
+
+
 def check_frame(frame: Samples) -> None:
-    """Raises ValueError for channels of different length, no samples, a wrong type, or samples that are not finite."""
+    """Raises ValueError for channels of different length, no samples, a wrong type, or no hydrophone's values."""
     if frame.h0.ndim != 1 or frame.h0.shape != frame.h1.shape or frame.h0.size == 0:
         raise ValueError(f"samples h0 and h1 must be two (N,), N > 0, got {frame.h0.shape} and {frame.h1.shape}")
     for name, samples in (("h0", frame.h0), ("h1", frame.h1)):
         if samples.dtype != np.int16 and samples.dtype.kind != "f":
             raise ValueError(f"samples {name} must be int16 counts or float Pa, got {samples.dtype}")
-        if samples.dtype.kind == "f" and not np.isfinite(samples).all():
-            raise ValueError(f"samples {name} must be finite, got {int((~np.isfinite(samples)).sum())} that are not")
+        if samples.dtype.kind != "f" or (samples.max() <= _LOUDEST and samples.min() >= -_LOUDEST):
+            continue
+        if count := int((~np.isfinite(samples)).sum()):
+            raise ValueError(f"samples {name} must be finite, got {count} that are not")
+        raise ValueError(f"samples {name} must be within {_LOUDEST:g} Pa, got {np.abs(samples).max():g} Pa")
