@@ -143,7 +143,7 @@ def test_counts_are_scaled():
         (np.zeros(5), np.zeros(4), r"samples h0 and h1 must be two \(N,\), N > 0, got \(5,\) and \(4,\)"),
         (np.zeros(0), np.zeros(0), r"samples h0 and h1 must be two \(N,\), N > 0, got \(0,\) and \(0,\)"),
         (np.zeros(5), np.array([0, np.nan, np.inf, 0, 0]), "samples h1 must be finite, got 2 that are not"),
-        (np.array([0.0, -1e12, 0.0]), np.zeros(3), "samples h0 must be within 1e+10 Pa, got 1e+12 Pa"),
+        (np.array([0.0, -1e12, 0.0]), np.zeros(3), r"samples h0 must be within 1e\+10 Pa, got 1e\+12 Pa"),
         (np.zeros(5, np.int32), np.zeros(5), "samples h0 must be int16 counts or float Pa, got int32"),
     ],
 )
