@@ -61,7 +61,7 @@ def replay(options: Namespace) -> int:
     player = player_node(graph, bag, options.rate, options.remap)
     first, last = bag.span()
     with progress("replay", (last - first) * 1e-9) as bar:
-        run = Run(record=options.output, extra=(player,), clock=False, progress=bar)
+        run = Run(record=options.output, player=player, progress=bar)
         launcher = Launcher(dataclasses.replace(graph, clock_rate=0.0), run, NodeLog())
         code = launcher.run()
     books = replay_books(launcher.books, bag, Bag(options.output)) if options.output.exists() else []

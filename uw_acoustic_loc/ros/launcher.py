@@ -40,8 +40,7 @@ class Run:
 
     record: Path | None = None
     duration: float = 0.0
-    extra: tuple[GraphNode, ...] = ()  # started with the graph's own nodes
-    clock: bool = True  # publish /clock at the graph's rate; False when a player does
+    player: GraphNode | None = None  # started with the graph's own nodes, and gives them /clock
     progress: Callable[[float], None] | None = None  # gets simulated seconds since the start
 
 
@@ -59,10 +58,10 @@ class Launcher:
         wirings = [wire(node) for node in graph.nodes]
         self._wirings = upstream_first(wirings)
         self._ordered = _ordered(self._wirings)
-        self._sim_time = graph.clock_rate > 0 or not run.clock
+        self._sim_time = graph.clock_rate > 0 or run.player is not None
         self._start_ns = _start_ns(wirings)
         self._recorder = recorder_node(run.record, self._wirings) if run.record else None
-        everything = [*([self._recorder] if self._recorder else []), *graph.nodes, *run.extra]
+        everything = [node for node in (self._recorder, *graph.nodes, run.player) if node]
         drivers = {w.node.full_name: w for w in wirings if isinstance(w, DriverWiring)}
         self._commands = {
             node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
@@ -70,7 +69,8 @@ class Launcher:
         }
         self._ours = [n.full_name for n in everything if n.executable in (*SOURCES, *STAGES, "recorder")]
         self._processes: dict[str, NodeProcess] = {}
-        self._player = next((node.full_name for node in run.extra if node.executable == "player"), "")
+        # its end is the run's
+        self._player = next((node.full_name for node in everything if node.executable == "player"), "")
         self._stopped = False
         self._lost: dict[tuple[str, str], int] = {}  # messages by reader and topic, said and not waited for again
         self.books: Reports = {}  # what each node had taken and sent at the end
@@ -85,7 +85,7 @@ class Launcher:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._clock: Any = (
-            self._node.create_publisher(Clock, "/clock", 10) if self._run.clock and self._sim_time else None
+            self._node.create_publisher(Clock, "/clock", 10) if self._sim_time and not self._run.player else None
         )
         try:
             for name, command in self._commands.items():
@@ -118,7 +118,7 @@ class Launcher:
         while wrong and not self._stopped:
             wrong = self._sync.until(self._ours, lambda reports: unmatched(reports, {}), timeout_s=0.3)
             codes = {name: process.exit_code() for name, process in self._processes.items()}
-            if any(code == 0 and name.endswith("player") for name, code in codes.items()):
+            if codes.get(self._player) == 0:
                 break
             ended = [f"{name} has ended" for name, code in codes.items() if code is not None]
             if ended or (wrong and time.monotonic() > limit):
@@ -178,7 +178,7 @@ class Launcher:
         """The exit code when the run is over because a node ended for good."""
         for name, process in self._processes.items():
             code = process.watch()
-            if code == 0 and name.endswith("player"):
+            if code == 0 and name == self._player:
                 return 0
             if code == USER_ERROR:
                 self._log("launcher", f"{name} has given up: stopping")
