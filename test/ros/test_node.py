@@ -1,6 +1,7 @@
 """The adapter, on the mooring tracker: parameters, refusals, diagnostics, a clean end."""
 
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,14 @@ def test_what_is_malformed_is_counted_and_named_in_diagnostics(bench: Bench, tmp
     key = "mooring/m1/offset malformed"
     bench.wait(lambda: seen.get(key) == "4" and seen.get("mooring/m1/offset received") == "6", "diagnostics")
     assert bench.processes[name].poll() is None, "the node lives"
+
+
+def test_a_driver_that_is_told_to_finish_sends_no_more(bench: Bench) -> None:
+    name = bench.start("buoy_driver")
+    bench.wait(lambda: bench.report(name)["out"]["/mooring/buoy1/offset"]["sent"] > 2, "offsets, two per second")
+    sent, begun = bench.report(name, finish=True)["out"], time.monotonic()
+    bench.wait(lambda: time.monotonic() > begun + 1.2, "what else it may send")
+    assert bench.report(name)["out"] == sent
 
 
 def test_a_node_that_is_held_up_catches_up_and_loses_nothing(bench: Bench, tmp_path: Path) -> None:
