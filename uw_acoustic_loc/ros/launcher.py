@@ -20,8 +20,9 @@ from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
 from ..wiring import DriverWiring, Wiring, upstream_first, wire
 from .command_line import command_line, recorder_node
+from .diagnostics import Diagnostics
 from .processes import USER_ERROR, NodeProcess, SharedMemory
-from .sync import PlayerWatch, Reports, SyncClient, behind, missed, outstanding, unmatched
+from .sync import BooksWatch, PlayerWatch, Reports, SyncClient, behind, missed, outstanding, unmatched
 from .types import clock_message
 
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
@@ -133,6 +134,9 @@ class Launcher:
         rate = self._graph.clock_rate if self._clock else 1.0
         begun, checked = time.monotonic(), 0.0
         player = PlayerWatch(self._node, self._executor, self._player) if self._player else None
+        books = None if self._sim_time else BooksWatch(self._sync)  # a clock waits for the books
+        if books:
+            Diagnostics(self._node, books.status)
         while not self._stopped:
             now = (time.monotonic() - begun) * rate
             if self._clock and now >= checked + _WINDOW_S:
@@ -143,6 +147,8 @@ class Launcher:
                 begun = max(begun, time.monotonic() - (now + _CATCH_UP_S) / rate)
             elif self._clock:
                 self._tick(now)
+            if books and (late := books.look(self._steady())):
+                self._log("launcher", "; ".join(late))
             if player and (stuck := player.look()):
                 self._log("launcher", f"{stuck}: stopping")
                 return 1

@@ -12,6 +12,8 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
+from ..contract import Status
+
 
 class SyncClient:
     """Calls `~/sync` of several nodes at once; used by whoever waits for them."""
@@ -70,6 +72,33 @@ class PlayerWatch:
         return f"{self._name} has not answered for {_DEAD_S:g} s" if now - self._heard > _DEAD_S else ""
 
 
+class BooksWatch:
+    """Names who has not taken what was sent to it some seconds ago: it is that far behind, or has lost it."""
+
+    def __init__(self, client: SyncClient) -> None:
+        self._client, self._asked = client, time.monotonic()
+        self._before: Reports = {}
+        self._overdue: dict[tuple[str, str], int] = {}
+
+    def look(self, names: list[str]) -> list[str]:
+        """Asks once in a while; sentences on what is overdue and was not the last time."""
+        if time.monotonic() - self._asked < _OVERDUE_S:
+            return []
+        reports, told = self._client.ask(names, finish=False, timeout_s=1.0), self._overdue
+        self._overdue = missed(reports, self._before)
+        self._before, self._asked = reports, time.monotonic()
+        late = {key: count for key, count in self._overdue.items() if count > told.get(key, 0)}
+        return [f"{name} has not taken {n} messages on {topic}" for (name, topic), n in late.items()]
+
+    def status(self) -> Status:
+        """For diagnostics."""
+        values = {f"{name} {topic} late or lost": count for (name, topic), count in self._overdue.items()}
+        if not values:
+            return Status()
+        return Status(Status.WARN, f"{sum(self._overdue.values())} messages are late by seconds, or lost", values)
+
+
+_OVERDUE_S = 5.0
 _ASK_S = 0.5
 _DEAD_S = 180.0  # it waits a minute for nodes that do not follow, and then says so itself
 
@@ -110,9 +139,11 @@ def outstanding(reports: Reports, sent: Mapping[str, int], lost: Mapping[tuple[s
     ]
 
 
-def missed(reports: Reports) -> dict[tuple[str, str], int]:
-    """How many messages of the reporting nodes each has not taken, by node and topic."""
-    expected = _published(reports, {})
+def missed(reports: Reports, before: Reports | None = None) -> dict[tuple[str, str], int]:
+    """How many messages that the reporting nodes have sent (or had, when they reported `before`) each has not taken,
+    by node and topic.
+    """
+    expected = _published(reports if before is None else before, {})
     return {
         (name, topic): expected[topic] - seen["taken"]
         for name, report in reports.items()
