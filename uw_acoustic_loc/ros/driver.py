@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from .parameters import declare, given_parameters
 from .spin import Stop
 from .transforms import Transforms
 
+_LONG_S = 0.002
+_REST = 0.3  # of the time to the next event
 _MISSED_NS = 1_000_000_000  # a driver that starts late leaves out what is older
 
 
@@ -38,6 +41,7 @@ class DriverNode:
         self._latched = {output.topic for output in source.outputs if output.latched}
         self._started, self._missed, self._reached_ns = False, 0, 0
         self._next: Event | None = next(self._events, None)
+        self._took = self._interval = 0.0  # s, of making the next event, and since the one before
         self._shift_ns = self._shift(config, scenario.start_ns)
         self._send_latched()
         Diagnostics(self.node, self._status)
@@ -53,7 +57,7 @@ class DriverNode:
             self._skip(now_ns - _MISSED_NS)
         while self._next is not None and self._next[0] <= now_ns:
             self._publish(self._next)
-            self._next = next(self._events, None)
+            self._make_next(self._next[0])
         self._reached_ns = now_ns
         if self._next is None:
             return 0.1
@@ -101,6 +105,15 @@ class DriverNode:
             self._next = next(self._events, None)
         if self._missed:
             self.node.get_logger().warning(f"started late: left out {self._missed} messages of the past")
+
+    def _make_next(self, last_ns: int) -> None:
+        """In real time not at once, if it takes long: a real sensor leaves the processors to those who listen."""
+        if self._shift_ns and self._took > _LONG_S:
+            time.sleep(_REST * self._interval)
+        begun = time.monotonic()
+        self._next = next(self._events, None)
+        self._took = time.monotonic() - begun
+        self._interval = (self._next[0] - last_ns) * 1e-9 if self._next else 0.0
 
     def _publish(self, event: Event) -> None:
         _, topic, value = event
