@@ -15,6 +15,7 @@ from mcap.opcode import Opcode
 HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 _CHUNK = struct.Struct("<QQQII")  # first and last log time, size and CRC when unpacked, length of compression's name
 _RUN = 1 << 20  # bytes
+_LAST_OPCODE = max(Opcode)
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def bytes_at(stream: IO[bytes], begin: int, length: int) -> bytes:
 
 def known(opcode: int) -> bool:
     """Whether a record may begin so: 1 to 15 are defined, those from 128 are anybody's own and left out."""
-    return 0 < opcode <= max(Opcode) or opcode >= 0x80
+    return 0 < opcode <= _LAST_OPCODE or opcode >= 0x80
 
 
 def append(blocks: list[Block], block: Block) -> None:

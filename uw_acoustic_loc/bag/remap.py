@@ -53,7 +53,7 @@ class RemappedBag:
         wanted = None if topics is None else [self._old[name] for name in topics if name in self._old]
         for record in self._bag.records(wanted):
             new = self._new[record.topic]
-            yield record if new == record.topic else dataclasses.replace(record, topic=new)
+            yield record if new == record.topic else record._replace(topic=new)
 
 
 def remaps(pairs: Sequence[str], sign: str = ":=") -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import yaml
 import zstandard
@@ -12,8 +13,7 @@ import zstandard
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """A message as it stands in the bag."""
 
     topic: str

@@ -45,6 +45,7 @@ class Runner:
         self._sequencer = Sequencer(streams, round(lateness * 1e9), rewind_ns)
         self._latched: dict[str, Any] = {}
         self._held: deque[tuple[str, Any]] = deque()
+        self._waiting = bool(self.missing)
 
     @property
     def missing(self) -> list[str]:
@@ -59,17 +60,19 @@ class Runner:
     def push(self, topic: str, value: Any) -> Iterator[Emission]:
         """Takes a message of an input; yields what the stage publishes."""
         self.counts[topic, "received"] += 1
+        wanted = self._inputs[topic]
         try:
-            _check_frame(self._inputs[topic], value)
+            _check_frame(wanted, value)
         except ValueError as error:
             self._refuse("malformed", topic, str(error))
             return
-        if self._inputs[topic].latched:
+        if wanted.latched:
             self._latched[topic] = value
+            self._waiting = bool(self.missing)
             yield from self._handle(topic, value)
-            while self._held and not self.missing:
+            while self._held and not self._waiting:
                 yield from self._stream(*self._held.popleft())
-        elif self.missing:
+        elif self._waiting:
             self._hold(topic, value)
         else:
             yield from self._stream(topic, value)
@@ -108,16 +111,16 @@ class Runner:
         for topic, value in ordered:
             yield from self._handle(topic, value)
 
-    def _handle(self, topic: str, value: Any) -> Iterator[Emission]:
+    def _handle(self, topic: str, value: Any) -> list[Emission]:
         try:
             emissions = list(self._inputs[topic].handle(value))
         except ValueError as error:
             self._refuse("rejected", topic, str(error))
-            return
+            return []
         self.counts[topic, "used"] += 1
         for out, _ in emissions:
             self.counts[out, "published"] += 1
-        yield from emissions
+        return emissions
 
     def _refuse(self, count: str, topic: str, sentence: str) -> None:
         self.counts[topic, count] += 1

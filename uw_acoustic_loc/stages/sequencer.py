@@ -7,7 +7,7 @@ has gone silent delays the others by that much of stamp time, never for ever.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 _NEW_RUN = 3  # messages in a row that lie before everything seen: the clock has been set back
@@ -40,31 +40,32 @@ class Sequencer:
         """The first messages of a new run of the clock, when there is one: take them, clear, and push them again."""
         return self._old if len(self._old) >= _NEW_RUN else []
 
-    def push(self, topic: str, t_ns: int, value: Any) -> Iterator[tuple[str, Any]]:
-        """Takes a message; yields (topic, value) of all that are now in order."""
-        if 0 < self._released - t_ns <= self._rewind_ns.get(topic, 0):
-            yield topic, value
-            return
-        if t_ns < self._reached[topic] - _JUMP_NS and t_ns < self._released:
-            self.late[topic] += 1
-            self._old.append((topic, t_ns, value))
-            return
+    def push(self, topic: str, t_ns: int, value: Any) -> list[tuple[str, Any]]:
+        """Takes a message; returns (topic, value) of all that are now in order."""
         if t_ns < self._released:
-            self.late[topic] += 1
-            return
+            return self._late(topic, t_ns, value)
         self._old.clear()
         self._reached[topic] = max(self._reached[topic], t_ns)
         heapq.heappush(self._heap, (t_ns, self._rank[topic], self._count, topic, value))
         self._count += 1
-        yield from self._release(max(min(self._reached.values()), max(self._reached.values()) - self._lateness_ns))
+        reached = self._reached.values()
+        return self._release(max(min(reached), max(reached) - self._lateness_ns))
 
-    def flush(self) -> Iterator[tuple[str, Any]]:
+    def flush(self) -> list[tuple[str, Any]]:
         """Everything that is still held: the end of the input."""
-        if self._heap:
-            yield from self._release(max(self._reached.values()))
+        return self._release(max(self._reached.values())) if self._heap else []
 
-    def _release(self, until_ns: int) -> Iterator[tuple[str, Any]]:
+    def _late(self, topic: str, t_ns: int, value: Any) -> list[tuple[str, Any]]:
+        if self._released - t_ns <= self._rewind_ns.get(topic, 0):
+            return [(topic, value)]
+        self.late[topic] += 1
+        if t_ns < self._reached[topic] - _JUMP_NS:
+            self._old.append((topic, t_ns, value))
+        return []
+
+    def _release(self, until_ns: int) -> list[tuple[str, Any]]:
+        ready = []
         while self._heap and self._heap[0][0] <= until_ns:
-            t_ns, _, _, topic, value = heapq.heappop(self._heap)
-            self._released = t_ns
-            yield topic, value
+            self._released, _, _, topic, value = heapq.heappop(self._heap)
+            ready.append((topic, value))
+        return ready

@@ -86,17 +86,12 @@ class FlatForm:
 
     def _unpacked(self, data: bytes) -> Flat | None:
         kind, sec, nanosec = _STAMP.unpack_from(data)
-        at, names = _STAMP.size, []
-        for _ in range(1 + len(self.names)):
-            at += -at % 4
-            (length,) = _LENGTH.unpack_from(data, at)
-            at += _LENGTH.size + length
-            names.append(data[at - length : at - 1].decode())
-        at += (4 - at) % 8
-        if kind != _LITTLE_ENDIAN or len(data) != at + 8 * self.size:
+        begin = len(data) - 8 * self.size
+        names = _names_in(data[_STAMP.size : begin], 1 + len(self.names)) if begin > _STAMP.size else None
+        if kind != _LITTLE_ENDIAN or names is None:
             return None
-        values = np.frombuffer(data, "<f8", self.size, at).copy()  # a copy is aligned
-        return Flat(_set(sec * _SECOND + nanosec), tuple(names), values)
+        values = np.frombuffer(data, _FLOAT64, self.size, begin).copy()  # a copy is aligned
+        return Flat(_set(sec * _SECOND + nanosec), names, values)
 
 
 def header(make: Make, t_ns: int, frame_id: str) -> Any:
@@ -151,7 +146,20 @@ def _packed(names: tuple[str, ...]) -> bytes:
     return data + bytes(-len(data) % 8)
 
 
+@lru_cache(maxsize=256)
+def _names_in(packed: bytes, count: int) -> tuple[str, ...] | None:
+    """The strings that stand between a stamp and the first number; None when something else does."""
+    at, names = 0, []
+    for _ in range(count):
+        at += -at % 4
+        (length,) = _LENGTH.unpack_from(packed, at)
+        at += _LENGTH.size + length
+        names.append(packed[at - length : at - 1].decode())
+    return tuple(names) if len(packed) == at + -at % 8 else None
+
+
 _SECOND = 1_000_000_000
+_FLOAT64 = np.dtype("<f8")
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the encapsulation; alignment counts from its end
 _STAMP = struct.Struct("<4siI")
 _LENGTH = struct.Struct("<I")

@@ -6,6 +6,7 @@ A message whose stamp is zero or whose numbers are not finite raises ValueError 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -39,17 +40,17 @@ _TWIST = _part("TwistWithCovariance", twist=_part("Twist", linear=_VECTOR, angul
 _STAMPED_POSE = _part("PoseWithCovarianceStamped", pose=_POSE)
 
 
-def _finite(values: Array, **parts: slice) -> None:
+def _finite(values: Array, parts: Mapping[str, slice]) -> None:
     """Raises ValueError with the part that is not finite; what is in no part may be anything."""
     if math.isfinite(values.sum()):
         return
     for what, part in parts.items():
         if not math.isfinite(values[part].sum()):
-            raise ValueError(f"{what.replace('__', '.')} must be finite, got {values[part].tolist()}")
+            raise ValueError(f"{what} must be finite, got {values[part].tolist()}")
 
 
 def _unit(what: str, quat: Array) -> Array:
-    norm = float(np.linalg.norm(quat))
+    norm = math.sqrt(quat.dot(quat))
     if not 0.99 < norm < 1.01:
         raise ValueError(f"{what} must have length 1, got {norm:.6g}")
     return np.asarray(quat / norm)
@@ -66,9 +67,7 @@ def _odometry_to(value: Odometry) -> Flat:
 
 def _odometry_from(flat: Flat) -> Odometry:
     t_ns, (frame_id, child_frame_id), values = flat
-    pose = {"pose__position": slice(3), "pose__orientation": slice(3, 7), "pose__covariance": slice(7, 43)}
-    twist = {"twist__linear": slice(43, 46), "twist__angular": slice(46, 49), "twist__covariance": slice(49, 85)}
-    _finite(values, **pose, **twist)
+    _finite(values, _ODOMETRY_PARTS)
     return Odometry(
         t_ns=t_ns,
         position=values[:3],
@@ -82,6 +81,14 @@ def _odometry_from(flat: Flat) -> Odometry:
     )
 
 
+_ODOMETRY_PARTS = {
+    "pose.position": slice(3),
+    "pose.orientation": slice(3, 7),
+    "pose.covariance": slice(7, 43),
+    "twist.linear": slice(43, 46),
+    "twist.angular": slice(46, 49),
+    "twist.covariance": slice(49, 85),
+}
 ODOMETRY = FlatForm(
     Part("nav_msgs/msg/Odometry", {"pose": _POSE, "twist": _TWIST}), _odometry_to, _odometry_from, ("child_frame_id",)
 )
@@ -100,11 +107,12 @@ def _bearing_from(flat: Flat) -> Bearing:
     variance = values.item(42)
     if not 0.0 < variance < math.inf:
         raise ValueError(f"pose.covariance[35], the bearing's variance, must be positive, got {variance!r}")
-    _finite(values, pose__orientation=slice(3, 7), pose__position=slice(3))
+    _finite(values, _BEARING_PARTS)
     yaw = yaw_from_quat(_unit("pose.orientation", values[3:7]))
     return Bearing(flat.t_ns, yaw, variance, values[:3], flat.names[0])
 
 
+_BEARING_PARTS = {"pose.orientation": slice(3, 7), "pose.position": slice(3)}
 BEARING = FlatForm(_STAMPED_POSE, _bearing_to, _bearing_from)
 
 
@@ -118,10 +126,11 @@ def _position_to(value: Position) -> Flat:
 
 def _position_from(flat: Flat) -> Position:
     values = flat.values
-    _finite(values, pose__covariance=slice(7, 43), pose__position=slice(3))
+    _finite(values, _POSITION_PARTS)
     return Position(flat.t_ns, values[:3], values[7:].reshape(6, 6)[:3, :3], flat.names[0])
 
 
+_POSITION_PARTS = {"pose.covariance": slice(7, 43), "pose.position": slice(3)}
 POSITION = FlatForm(_STAMPED_POSE, _position_to, _position_from)
 
 
@@ -136,13 +145,17 @@ def _imu_to(value: Imu) -> Flat:
 
 def _imu_from(flat: Flat) -> Imu:
     values = flat.values
-    angular = {"angular_velocity": slice(13, 16), "angular_velocity_covariance": slice(16, 25)}
-    linear = {"linear_acceleration": slice(25, 28), "linear_acceleration_covariance": slice(28, 37)}
-    _finite(values, **angular, **linear)
+    _finite(values, _IMU_PARTS)
     covs = values[16:25].reshape(3, 3), values[28:].reshape(3, 3)
     return Imu(flat.t_ns, values[13:16], values[25:28], *covs, flat.names[0])
 
 
+_IMU_PARTS = {
+    "angular_velocity": slice(13, 16),
+    "angular_velocity_covariance": slice(16, 25),
+    "linear_acceleration": slice(25, 28),
+    "linear_acceleration_covariance": slice(28, 37),
+}
 IMU = FlatForm(
     Part(
         "sensor_msgs/msg/Imu",
@@ -170,10 +183,11 @@ def _body_velocity_to(value: BodyVelocity) -> Flat:
 
 def _body_velocity_from(flat: Flat) -> BodyVelocity:
     values = flat.values
-    _finite(values, twist__covariance=slice(6, 42), twist__linear=slice(3))
+    _finite(values, _TWIST_PARTS)
     return BodyVelocity(flat.t_ns, values[:3], values[6:].reshape(6, 6)[:3, :3], flat.names[0])
 
 
+_TWIST_PARTS = {"twist.covariance": slice(6, 42), "twist.linear": slice(3)}
 BODY_VELOCITY = FlatForm(_part("TwistWithCovarianceStamped", twist=_TWIST), _body_velocity_to, _body_velocity_from)
 
 
@@ -182,7 +196,7 @@ def _point_to(value: Point) -> Flat:
 
 
 def _point_from(flat: Flat) -> Point:
-    _finite(flat.values, point=slice(3))
+    _finite(flat.values, {"point": slice(3)})
     return Point(flat.t_ns, flat.values, flat.names[0])
 
 
@@ -194,7 +208,7 @@ def _pressure_to(value: Pressure) -> Flat:
 
 
 def _pressure_from(flat: Flat) -> Pressure:
-    _finite(flat.values, **{"fluid_pressure and variance": slice(2)})
+    _finite(flat.values, {"fluid_pressure and variance": slice(2)})
     pressure, variance = flat.values.tolist()
     return Pressure(flat.t_ns, pressure, variance, flat.names[0])
 
@@ -219,7 +233,7 @@ def scalar_to(make: Make, value: Scalar) -> Any:
 
 def scalar_from(msg: Any, t_ns: int) -> Scalar:
     """From std_msgs/Float64, with the instant at which it came (the message has no stamp)."""
-    _finite(np.array([msg.data]), data=slice(1))
+    _finite(np.array([msg.data]), {"data": slice(1)})
     return Scalar(t_ns, float(msg.data))
 
 
@@ -248,5 +262,5 @@ def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
         if len(next(iter(columns.values()))) != 1:
             raise ValueError(f"{name}: must have 1 row, got {len(next(iter(columns.values())))}")
         columns = {column: float(values[0]) for column, values in columns.items()}
-        _finite(np.array(list(columns.values())), **{name: slice(None)})
+        _finite(np.array(list(columns.values())), {name: slice(None)})
     return kind(t_ns=stamp_ns(msg), frame_id=msg.header.frame_id, **columns)
