@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,7 @@ _JUMP_TURN, _JUMP_RATE = 0.05, 0.5  # rad, rad/s by which a turn may differ from
 _JUMP_MOVE, _JUMP_SPEED = 0.5, 2.0  # m, m/s
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """Motion of the array between two instants."""
 
     turn: float  # rad, counter-clockwise
@@ -26,8 +25,7 @@ class Step:
     guessed: float  # share of the time that lies beyond the odometry
 
 
-@dataclass(frozen=True)
-class _Pose:
+class _Pose(NamedTuple):
     """Position and unwrapped yaw; velocity in the body's axes."""
 
     x: float

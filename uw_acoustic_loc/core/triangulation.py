@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,8 +11,7 @@ from .geometry import wrap_angles
 from .types import Array
 
 
-@dataclass(frozen=True)
-class Ray:
+class Ray(NamedTuple):
     """A bearing line in a fixed frame. `weight` is its share of an independent bearing, in (0, 1]."""
 
     x: float  # m, where it was heard
@@ -22,8 +21,7 @@ class Ray:
     weight: float = 1.0
 
 
-@dataclass(frozen=True)
-class Drift:
+class Drift(NamedTuple):
     """What the vehicle's heading has drifted since the last bearing: everything turns about the vehicle."""
 
     x: float = 0.0  # m, where the vehicle is
@@ -31,8 +29,7 @@ class Drift:
     variance: float = 0.0  # rad^2
 
 
-@dataclass(frozen=True, eq=False)
-class Fix:
+class Fix(NamedTuple):
     """A position (2,) with its covariance (2, 2)."""
 
     mean: Array

@@ -246,7 +246,7 @@ def record_to(make: Make, name: str, value: Any) -> Any:
         header=header(make, value.t_ns, value.frame_id),
         height=1,
         width=len(rows),
-        fields=[make("sensor_msgs/msg/PointField", **field) for field in record.fields(rows)],
+        fields=[make("sensor_msgs/msg/PointField", **field) for field in record.fields(rows.dtype)],
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=rows.nbytes,

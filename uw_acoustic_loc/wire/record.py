@@ -51,21 +51,24 @@ def layout(name: str) -> Layout:
 
 def pack(name: str, columns: dict[str, AnyArray]) -> AnyArray:
     """Structured rows (N,) of the record from its columns (each (N,)); a type that may stand stays as it is."""
-    plan = layout(name)
-    kinds = []
-    for column, kind in plan.columns:
-        own = columns[column].dtype.name
-        kinds.append((column, own if own in plan.allowed(kind) else kind))
-    rows = np.empty(len(columns[plan.columns[0][0]]), dtype=kinds)
-    for column, _ in plan.columns:
-        rows[column] = columns[column]
+    given = [columns[column] for column, _ in layout(name).columns]
+    rows = np.empty(len(given[0]), _packed_type(name, tuple(column.dtype for column in given)))
+    for column, values in zip(rows.dtype.names, given, strict=True):
+        rows[column] = values
     return rows
 
 
-def fields(rows: AnyArray) -> list[dict[str, Any]]:
-    """PointField contents of structured rows."""
-    names = rows.dtype.names or ()
-    described = [(name, *rows.dtype.fields[name][:2]) for name in names]  # type: ignore[index]
+@lru_cache(maxsize=64)
+def _packed_type(name: str, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any]:
+    plan = layout(name)
+    own = [(column, kind, dtype.name) for (column, kind), dtype in zip(plan.columns, given, strict=True)]
+    return np.dtype([(column, has if has in plan.allowed(kind) else kind) for column, kind, has in own])
+
+
+@lru_cache(maxsize=64)
+def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
+    """PointField contents of structured rows of this type."""
+    described = [(name, *rows.fields[name][:2]) for name in rows.names or ()]  # type: ignore[index]
     return [
         {"name": name, "offset": int(offset), "datatype": _DATATYPES[kind.name], "count": 1}
         for name, kind, offset in described
@@ -78,45 +81,54 @@ def unpack(name: str, msg: Any) -> dict[str, AnyArray]:
     Raises:
         ValueError: a column is missing or has another type, or the data do not have the length that they declare.
     """
-    plan = layout(name)
-    given = {field.name: field for field in msg.fields}
-    for column, kind in plan.columns:
-        _check(name, column, plan.allowed(kind), given.get(column), msg.point_step)
-    rows = _rows(name, msg, [given[column] for column, _ in plan.columns])
-    return {column: np.ascontiguousarray(rows[column]) for column, _ in plan.columns}
+    given = tuple((field.name, field.datatype, field.offset, field.count) for field in msg.fields)
+    rows = _rows(name, msg, _checked(name, given, msg.point_step))
+    return {column: np.ascontiguousarray(rows[column]) for column, _ in layout(name).columns}
 
 
 def table(msg: Any) -> AnyArray:
     """Structured view (N,) of any PointCloud2's rows: the columns that hold one number each; ValueError as `unpack`."""
     named = {field.name: field for field in msg.fields}
-    plain = [f for f in named.values() if f.count == 1 and f.datatype in _NUMPY]
-    good = [f for f in plain if f.offset + _NUMPY[f.datatype].itemsize <= msg.point_step]
-    return _rows("PointCloud2", msg, good)
+    plain = [(f.name, f.datatype, f.offset) for f in named.values() if f.count == 1 and f.datatype in _NUMPY]
+    good = [column for column in plain if column[2] + _NUMPY[column[1]].itemsize <= msg.point_step]
+    return _rows("PointCloud2", msg, tuple(good))
 
 
-def _rows(name: str, msg: Any, columns: list[Any]) -> AnyArray:
+_Column = tuple[str, int, int]  # name, datatype, offset
+
+
+def _rows(name: str, msg: Any, columns: tuple[_Column, ...]) -> AnyArray:
     count = int(msg.width) * int(msg.height)
     if len(msg.data) != count * msg.point_step:
         raise ValueError(f"{name}: data must have {count} x {msg.point_step} bytes, got {len(msg.data)}")
-    kinds = tuple((field.name, field.datatype, field.offset) for field in columns)
-    return np.frombuffer(msg.data, dtype=_row_type(kinds, msg.is_bigendian, msg.point_step), count=count)
+    return np.frombuffer(msg.data, dtype=_row_type(columns, msg.is_bigendian, msg.point_step), count=count)
 
 
 @lru_cache(maxsize=64)
-def _row_type(kinds: tuple[tuple[str, int, int], ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
+def _row_type(columns: tuple[_Column, ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
     """The dtype of a row: names, types and offsets of its columns."""
-    formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for _, code, _ in kinds]
-    names, offsets = [name for name, _, _ in kinds], [offset for _, _, offset in kinds]
+    formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for _, code, _ in columns]
+    names, offsets = [name for name, _, _ in columns], [offset for _, _, offset in columns]
     layout: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": step}
     return np.dtype(layout)  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=64)
+def _checked(name: str, given: tuple[tuple[str, int, int, int], ...], step: int) -> tuple[_Column, ...]:
+    """The record's columns among those of a message; ValueError with the first that is missing or of another type."""
+    plan, named = layout(name), {field[0]: field for field in given}
+    for column, kind in plan.columns:
+        _check(name, column, plan.allowed(kind), named.get(column), step)
+    return tuple(named[column][:3] for column, _ in plan.columns)
 
 
 def _check(record: str, column: str, allowed: tuple[str, ...], field: Any, step: int) -> None:
     if field is None:
         raise ValueError(f"{record}: column '{column}' is missing")
-    kind = _NUMPY.get(field.datatype)
-    if kind is None or kind.name not in allowed or field.count != 1:
-        got = kind.name if kind is not None else f"datatype {field.datatype}"
-        raise ValueError(f"{record}: column '{column}' must be {' or '.join(allowed)}, got {got} x {field.count}")
-    if field.offset + kind.itemsize > step:
+    _, datatype, offset, count = field
+    kind = _NUMPY.get(datatype)
+    if kind is None or kind.name not in allowed or count != 1:
+        got = kind.name if kind is not None else f"datatype {datatype}"
+        raise ValueError(f"{record}: column '{column}' must be {' or '.join(allowed)}, got {got} x {count}")
+    if offset + kind.itemsize > step:
         raise ValueError(f"{record}: column '{column}' lies beyond the row of {step} bytes")
