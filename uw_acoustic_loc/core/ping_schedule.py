@@ -102,36 +102,42 @@ class PingSchedule:
 
 def learn(times: Array, timing: Timing, longest: float) -> tuple[float, float] | None:
     """Shortest period and the direct path's last onset, of onsets (n,) in time order; None if they do not repeat."""
-    gaps = np.unique((times[-_ENDS:, None] - times).ravel())
+    gaps = np.sort(times[-_ENDS:, None] - times, axis=None)
     periods = gaps[(gaps >= timing.shortest) & (gaps <= min(longest, (times[-1] - times[0]) / 2))]
     if times.size < timing.pings or periods.size == 0:
         return None
-    shares, _ = _repeated(times, periods, timing)
+    shares = _repeated(times, periods, timing)
     if shares.max() < _REPEATED:
         return None
-    period = periods[np.argmax(shares >= _AS_GOOD * shares.max())]
+    period = periods.item(np.argmax(shares >= _AS_GOOD * shares.max()))
     for _ in range(_REFINEMENTS):
-        period += _repeated(times, np.array([period]), timing)[1][0]
-    return float(period), _first_path(times, float(period), timing)
+        period += _later(times, period, timing)
+    return period, _first_path(times, period, timing)
 
 
-def _repeated(times: Array, periods: Array, timing: Timing) -> tuple[Array, Array]:
-    """Share of the onsets that are followed by another a period (m,) later, and how much later still, on average.
+def _repeated(times: Array, periods: Array, timing: Timing) -> Array:
+    """Share of the onsets that are followed by another a period (m,) later.
 
     A follower counts the less the further off it is: among several echoes a wrong period finds one within the tolerance
     as often as not. What chance would do with as many onsets is taken off the share.
     """
     tolerance = np.minimum(timing.jitter + timing.drift * periods, periods / 4)[:, None]
     due = times + periods[:, None]
-    off = times[_nearest(times, due)] - due
+    off = times.take(_nearest(times, due)) - due
     near = np.maximum(1.0 - np.abs(off) / tolerance, 0.0)
-    hits = near > 0.0
-    count = hits.sum(axis=1)
     possible = np.maximum((due <= times[-1] + tolerance).sum(axis=1), 1)
     density = 2.0 * tolerance[:, 0] * times.size / (times[-1] - times[0])
     chance = 1.0 + np.expm1(-density) / density
     shares = np.minimum((near.sum(axis=1) / possible - chance) / (1.0 - chance), 1.0)
-    return np.where(count >= timing.pings - 1, shares, 0.0), (off * hits).sum(axis=1) / np.maximum(count, 1)
+    return np.where((near > 0.0).sum(axis=1) >= timing.pings - 1, shares, 0.0)
+
+
+def _later(times: Array, period: float, timing: Timing) -> float:
+    """How much later than a period the onsets that are followed by another are followed, on average."""
+    due = times + period
+    off = times.take(_nearest(times, due)) - due
+    hits = np.abs(off) < min(timing.jitter + timing.drift * period, period / 4)
+    return float(off @ hits) / max(np.count_nonzero(hits), 1)
 
 
 def _first_path(times: Array, period: float, timing: Timing) -> float:
