@@ -12,7 +12,7 @@ from .bearing_noise import believed
 from .geometry import wrap_angle
 from .log_polar import bearing_moments, cartesian, corrected, seen_from
 from .triangulation import Drift, Fix, Ray
-from .types import AnyArray, Array
+from .types import Array
 
 Member = tuple[complex, float, complex, float]  # line, g, q of one EKF (`log_polar`); log weight
 
@@ -63,14 +63,13 @@ class BearingEkf:
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
         line, g, q, weight = _columns(self._seen_from(complex(x, y)))
-        mean, variance = bearing_moments(weight, line, (g - q.real) / 2)
+        mean, variance = bearing_moments(weight, line, [(a - b.real) / 2 for a, b in zip(g, q, strict=True)])
         return wrap_angle(mean), variance
 
     def estimate(self) -> Fix:
         """Mean and covariance of the mixture in x and y."""
         line, g, q, weight = _columns(self._members)
-        fix = cartesian(weight, line, g, q)
-        return Fix(fix.mean + np.array([self._origin.real, self._origin.imag]), fix.cov)
+        return cartesian(weight, line, g, q, self._origin)
 
     @property
     def members(self) -> int:
@@ -136,9 +135,11 @@ def _normalised(members: list[Member]) -> list[Member]:
     return [(p, g, q, w - total) for p, g, q, w in kept]
 
 
-def _columns(members: Iterable[Member]) -> tuple[AnyArray, Array, AnyArray, Array]:
-    line, g, q, log_weight = (np.array(column) for column in zip(*members, strict=True))
-    return line, g, q, np.exp(log_weight)
+def _columns(
+    members: Iterable[Member],
+) -> tuple[tuple[complex, ...], tuple[float, ...], tuple[complex, ...], list[float]]:
+    line, g, q, log_weight = zip(*members, strict=True)
+    return line, g, q, [math.exp(w) for w in log_weight]
 
 
 _RATIO = 1.6  # of neighbouring ranges

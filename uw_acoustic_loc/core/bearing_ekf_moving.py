@@ -72,13 +72,14 @@ class MovingBearingEkf:
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
         line, _, G, Q = self._moved(complex(x, y))
-        mean, variance = bearing_moments(self._weight, line, (G - Q)[:, 0, 0].real / 2)
+        variances: Array = (G - Q)[:, 0, 0].real / 2
+        mean, variance = bearing_moments(self._weight.tolist(), line.tolist(), variances.tolist())
         return wrap_angle(mean), variance
 
     def estimate(self) -> Fix:
         """Mean and covariance of the mixture's position in x and y."""
-        fix = cartesian(self._weight, self._line, self._G[:, 0, 0].real, self._Q[:, 0, 0])
-        return Fix(fix.mean + np.array([self._origin.real, self._origin.imag]), fix.cov)
+        g, q = self._G[:, 0, 0].real.tolist(), self._Q[:, 0, 0].tolist()
+        return cartesian(self._weight.tolist(), self._line.tolist(), g, q, self._origin)
 
     @property
     def velocity(self) -> Array:

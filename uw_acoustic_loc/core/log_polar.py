@@ -7,13 +7,13 @@ described by g = E |d zeta|^2, the sum of the variances of log range and bearing
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import cmath
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from .triangulation import Fix
-from .types import AnyArray, Array
 
 Numbers = Any  # float or complex: one, or an array
 
@@ -45,18 +45,37 @@ def corrected(
     return line * exp(scaled * error), g - (scaled * k.conjugate()).real, q - scaled * k, error, S
 
 
-def bearing_moments(weight: Array, line: AnyArray, bearing_variance: Array) -> tuple[float, float]:
+def bearing_moments(
+    weight: Sequence[float], line: Sequence[complex], bearing_variance: Sequence[float]
+) -> tuple[float, float]:
     """Mean and variance of the bearing in a mixture; the mean may leave (-pi, pi]."""
-    centre = line[int(np.argmax(weight))]
-    spread = np.angle(line * centre.conjugate())
-    mean = float(weight @ spread)
-    return float(np.angle(centre)) + mean, float(weight @ (bearing_variance + (spread - mean) ** 2))
+    centre = line[max(range(len(weight)), key=weight.__getitem__)]
+    spread = [cmath.phase(p * centre.conjugate()) for p in line]
+    mean = sum(w * off for w, off in zip(weight, spread, strict=True))
+    within = zip(weight, spread, bearing_variance, strict=True)
+    return cmath.phase(centre) + mean, sum(w * (variance + (off - mean) ** 2) for w, off, variance in within)
 
 
-def cartesian(weight: Array, line: AnyArray, g: Array, q: AnyArray) -> Fix:
-    """Mean and covariance of a mixture in x and y from the observer, exact for Gaussian zeta: E exp(a zeta)."""
-    mean = complex(weight @ (line * np.exp(q / 2)))
-    square = complex(weight @ (line * line * np.exp(2 * q))) - mean**2
-    length = float(weight @ (np.abs(line) ** 2 * np.exp(g + q.real))) - abs(mean) ** 2
-    cov = np.array([[length + square.real, square.imag], [square.imag, length - square.real]]) / 2
-    return Fix(np.array([mean.real, mean.imag]), cov)
+def cartesian(
+    weight: Sequence[float], line: Sequence[complex], g: Sequence[float], q: Sequence[complex], observer: complex = 0j
+) -> Fix:
+    """Mean and covariance of a mixture in x and y, exact for Gaussian zeta: E exp(a zeta).
+
+    The members are few, so plain numbers are faster than arrays.
+    """
+    mean = square = length = 0j
+    for w, p, a, b in zip(weight, line, g, q, strict=True):
+        mean += w * p * _exp(b / 2)
+        square += w * p * p * _exp(2 * b)
+        length += w * p * p.conjugate() * _exp(complex(a + b.real))
+    square -= mean * mean
+    total, apart = length.real - mean.real**2 - mean.imag**2, square.real
+    cov = np.array(((total + apart, square.imag), (square.imag, total - apart))) / 2
+    return Fix(np.array((observer.real + mean.real, observer.imag + mean.imag)), cov)
+
+
+def _exp(exponent: complex) -> complex:
+    return cmath.exp(complex(min(exponent.real, _LARGEST), exponent.imag))
+
+
+_LARGEST = 300.0  # nothing is known of such a position, and its square is still a number

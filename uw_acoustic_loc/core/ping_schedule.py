@@ -137,7 +137,7 @@ def _later(times: Array, period: float, timing: Timing) -> float:
     due = times + period
     off = times.take(_nearest(times, due)) - due
     hits = np.abs(off) < min(timing.jitter + timing.drift * period, period / 4)
-    return float(off @ hits) / max(np.count_nonzero(hits), 1)
+    return float(off @ hits) / max(int(np.count_nonzero(hits)), 1)
 
 
 def _first_path(times: Array, period: float, timing: Timing) -> float:

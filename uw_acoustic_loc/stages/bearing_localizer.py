@@ -117,9 +117,12 @@ class BearingLocalizerStage:
         odometry = self._reckoning.last
         if odometry is None or odometry.pose_cov[0, 0] < 0:
             return np.zeros((2, 2))
-        dx, dy = point - odometry.position[:2]
-        J = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx]])
-        return np.asarray(J @ odometry.pose_cov[_PLANAR] @ J.T)
+        dx, dy = (point - odometry.position[:2]).tolist()
+        get = odometry.pose_cov.item
+        x_yaw, y_yaw, yaws = get(0, 5), get(1, 5), get(5, 5)
+        xx, yy = get(0, 0) - dy * (2 * x_yaw - dy * yaws), get(1, 1) + dx * (2 * y_yaw + dx * yaws)
+        xy = get(0, 1) + dx * x_yaw - dy * (y_yaw + dx * yaws)
+        return np.array(((xx, xy), (xy, yy)))
 
     def _cloud(self, name: str, t_ns: int, z: float) -> Iterator[Emission]:
         estimator = self._sources[name].sides[0].estimator
@@ -159,7 +162,6 @@ def _position(t_ns: int, fix: Fix, z: float) -> Position:
     return Position(t_ns, np.array([*fix.mean, z]), cov, "odom")
 
 
-_PLANAR = np.ix_([0, 1, 5], [0, 1, 5])  # x, y, yaw
 _NEWS_NS = 30_000_000_000  # how long a fault of odometry is told
 _CLOUD_SIZE = 200
 _CLOUD_PERIOD_NS = 500_000_000
