@@ -45,7 +45,7 @@ def moved(state: Array, rates: Array, force: Array, dt: float) -> tuple[Array, A
         w + dt * (az + q * u - p * v - GRAVITY * cr * cp),
     )
     F = _IDENTITY.copy()
-    F[_FILLED] += dt * np.array(_slopes(cr, sr, cp, sp, cy, sy, u, v, w, p, q, r))
+    F[_FILLED] = dt * np.array(_slopes(cr, sr, cp, sp, cy, sy, u, v, w, p, q, r)) + _DIAGONAL
     return np.array(after), F.reshape(9, 12)
 
 
@@ -77,3 +77,4 @@ _COLUMNS = (  # of `_slopes`
 )
 _FILLED = np.array([12 * row + column for row, columns in enumerate(_COLUMNS) for column in columns])
 _IDENTITY = np.eye(9, 12).ravel()
+_DIAGONAL = _IDENTITY[_FILLED]

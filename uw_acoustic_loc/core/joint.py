@@ -62,10 +62,10 @@ class Joint:
         diagonal = self.cov.reshape(-1)[:: len(self.cov) + 1]
         diagonal[part] += variance
 
-    def predict(self, value: float, columns: list[int], H: Array) -> Prediction:
-        """A measurement whose Jacobian is H in `columns` and 0 elsewhere."""
-        cross = self.cov[:, columns] @ H
-        return Prediction(value, float(H @ cross[columns]), cross)
+    def total(self, one: int, other: int) -> Prediction:
+        """A measurement that is the sum of two states."""
+        cross = self.cov[one] + self.cov[other]
+        return Prediction(self.mean.item(one) + self.mean.item(other), cross.item(one) + cross.item(other), cross)
 
     def correct(self, prediction: Prediction, error: float, variance: float) -> None:
         """Kalman update by one scalar (eq. 13-15): one pass over the covariance, in place."""

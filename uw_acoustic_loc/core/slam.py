@@ -181,8 +181,7 @@ class Slam:
         return Pose(raw.x + (c * u - s * v) * dt, raw.y + (s * u + c * v) * dt, raw.yaw + rate * dt, raw.time + dt)
 
     def _predicted_velocity(self, axis: int) -> Prediction:
-        columns = [VELOCITY.start + axis, LOG_BIAS.start + axis]
-        return self.joint.predict(float(self.joint.mean[columns].sum()), columns, np.ones(2))
+        return self.joint.total(VELOCITY.start + axis, LOG_BIAS.start + axis)
 
     def _velocity_fits(self, linear: Array) -> bool:
         """The gate; a vehicle that was pushed fails it too, so the third failure in a row opens it."""
@@ -225,7 +224,7 @@ def _require_later(what: str, t_ns: int, last_ns: int) -> None:
 
 
 def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> None:
-    largest = float(np.abs(vector).max())
+    largest = max(map(abs, vector.tolist()))
     if largest > limit:
         raise ValueError(f"{what} must be at most {limit:g} {unit} on each axis, got {largest:g}")
 

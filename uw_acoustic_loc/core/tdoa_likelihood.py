@@ -35,9 +35,10 @@ class PeakLikelihood:
         """
         std = math.hypot(found.std, std_floor)
         spread = found.curvature * found.std**2 + height_std
-        order = np.argsort(found.tdoas)
-        weights = np.exp((found.heights - found.heights[0]) / spread)[order]
-        return cls(np.clip(found.tdoas[order], -max_lag, max_lag), weights / weights.sum(), std, max_lag)
+        order = found.tdoas.argsort()
+        weights = np.exp((found.heights - found.heights[0]) / spread).take(order)
+        tdoas = np.minimum(np.maximum(found.tdoas.take(order), -max_lag), max_lag)
+        return cls(tdoas, weights / weights.sum(), std, max_lag)
 
     @property
     def floor(self) -> float:
