@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from operator import itemgetter
 from pathlib import Path
 
 from ..graph import Graph
@@ -10,7 +11,7 @@ from ..stages.runner import Refusal
 from ..wire.codec import codec
 from ..wiring import wire
 from .about import about_graph
-from .pipeline import Pipeline
+from .pipeline import Message, Pipeline
 from .reader import Bag, Record
 from .remap import RemappedBag
 from .types import decode
@@ -18,7 +19,7 @@ from .writer import BagWriter
 
 
 class OfflineRun:
-    """One bag through one graph into a new bag. `progress` is called with each record's log time."""
+    """One bag through one graph into a new bag. `progress` is called with log times, as they are reached."""
 
     def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
         self.pipeline = Pipeline(graph, self._publish, tell)
@@ -26,7 +27,7 @@ class OfflineRun:
         self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(wire, graph.nodes))}
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
-        self._t_ns = 0  # log time of what is being handled
+        self._due: list[tuple[int, str, bytes]] = []  # log time, topic and CDR of what will be written
         missing = sorted(set(self._kinds) - set(bag.topics))
         self.missing = missing
         if len(missing) == len(self._kinds):
@@ -41,33 +42,54 @@ class OfflineRun:
         with BagWriter(out, self._about) as self._writer:
             for topic, output in own.items():
                 self._writer.add_topic(topic, codec(output.kind).msgtype, output.latched)
-            topics = None if keep_inputs else [*self._kinds]
-            for record in self._bag.records(topics):
-                self._t_ns = record.t_ns
-                if keep_inputs and record.topic not in own:
-                    self._keep(record)
-                self._feed(record)
-                progress(record.t_ns)
-            self.pipeline.flush()
+            last_ns = 0
+            for batch in _batches(self._bag.records(None if keep_inputs else [*self._kinds])):
+                self._due = [self._kept(record) for record in batch if keep_inputs and record.topic not in own]
+                self.pipeline.push(message for record in batch for message in self._decoded(record))
+                self._write()
+                last_ns = batch[-1].t_ns
+                progress(last_ns)
+            self.pipeline.flush(last_ns)
+            self._write()
             return self._writer.counts
 
-    def _keep(self, record: Record) -> None:
+    def _kept(self, record: Record) -> tuple[int, str, bytes]:
         topic = self._bag.topics[record.topic]
         self._writer.add_topic(record.topic, record.msgtype, topic.latched, topic.definition)
-        self._writer.write(record.topic, record.t_ns, record.data)
+        return record.t_ns, record.topic, record.data
 
-    def _feed(self, record: Record) -> None:
+    def _decoded(self, record: Record) -> Iterator[Message]:
         kind = self._kinds.get(record.topic)
         if kind is None:
             return
         try:
             if record.msgtype != codec(kind).msgtype:
                 raise ValueError(f"type must be {codec(kind).msgtype}, got {record.msgtype}")
-            value = decode(kind, record.data, record.t_ns)
+            yield record.t_ns, record.topic, decode(kind, record.data, record.t_ns)
         except ValueError as error:
             self.pipeline.malformed(record.topic, str(error))
-            return
-        self.pipeline.push(record.topic, value)
 
-    def _publish(self, topic: str, data: bytes) -> None:
-        self._writer.write(topic, self._t_ns, data)
+    def _publish(self, t_ns: int, topic: str, data: bytes) -> None:
+        self._due.append((t_ns, topic, data))
+
+    def _write(self) -> None:
+        """What is due, in the order of the log times."""
+        for t_ns, topic, data in sorted(self._due, key=itemgetter(0)):
+            self._writer.write(topic, t_ns, data)
+        self._due = []
+
+
+def _batches(records: Iterable[Record]) -> Iterator[list[Record]]:
+    batch: list[Record] = []
+    size = 0
+    for record in records:
+        batch.append(record)
+        size += len(record.data)
+        if size > _BATCH:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
+
+
+_BATCH = 1 << 22  # bytes of messages

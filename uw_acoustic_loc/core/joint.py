@@ -64,7 +64,7 @@ class Joint:
 
     def total(self, one: int, other: int) -> Prediction:
         """A measurement that is the sum of two states."""
-        cross = self.cov[one] + self.cov[other]
+        cross = self.cov[:, one] + self.cov[:, other]
         return Prediction(self.mean.item(one) + self.mean.item(other), cross.item(one) + cross.item(other), cross)
 
     def correct(self, prediction: Prediction, error: float, variance: float) -> None:
