@@ -1,16 +1,18 @@
 """Scenario to bag to estimates, offline: reproducible, complete, and refusals do not stop it."""
 
 import dataclasses
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import pytest
 
+from uw_acoustic_loc.bag.pipeline import Pipeline
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.simulate import simulate
+from uw_acoustic_loc.bag.types import decode
 from uw_acoustic_loc.bag.writer import BagWriter
-from uw_acoustic_loc.graph import load_graph
+from uw_acoustic_loc.graph import Graph, load_graph
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.sim.scenario import Scenario, load_scenario
 from uw_acoustic_loc.stages.runner import Refusal
@@ -67,6 +69,26 @@ def test_a_run_is_reproducible_and_refuses_nothing(measured: Path, tmp_path: Pat
     topics = {topic for topic, _, _ in contents(tmp_path / "one")}
     assert {t for t, _, _ in contents(measured)} < topics, "inputs and truth are kept"
     assert {"/auv1/sources/a/bearing", "/auv1/slam/odometry", "/target/odometry", "/sonar/fix"} < topics
+
+
+@pytest.mark.parametrize("remap", [{}, {"odometry": "slam/odometry"}], ids=["chain", "loop"])
+def test_batches_make_no_difference(remap: dict[str, str], measured: Path) -> None:
+    graph = load_graph(resource("config/harbour/graph.yaml"))
+    nodes = [dataclasses.replace(n, remap=remap if n.executable == "bearing" else n.remap) for n in graph.nodes]
+    graph = dataclasses.replace(graph, nodes=tuple(nodes))
+    assert published(graph, measured, 1 << 30) == published(graph, measured, 1)
+
+
+def published(graph: Graph, bag: Path, size: int) -> dict[str, list[tuple[int, bytes]]]:
+    """Log times and CDR per topic when so many messages are handed over at once."""
+    found: dict[str, list[tuple[int, bytes]]] = defaultdict(list)
+    pipeline = Pipeline(graph, lambda t_ns, topic, data: found[topic].append((t_ns, data)), lambda *_: None)
+    kinds = pipeline.inputs
+    messages = [(r.t_ns, r.topic, decode(kinds[r.topic], r.data, r.t_ns)) for r in Bag(bag).records([*kinds])]
+    for k in range(0, len(messages), size):
+        pipeline.push(messages[k : k + size])
+    pipeline.flush(messages[-1][0])
+    return found
 
 
 def test_damaged_messages_are_counted_and_the_rest_is_used(measured: Path, tmp_path: Path) -> None:

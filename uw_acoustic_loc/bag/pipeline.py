@@ -1,7 +1,8 @@
 """The stages of a graph, chained without DDS: what one publishes is pushed into those that subscribe to it.
 
 Messages come in batches, and each stage takes all of its own at once, in the order of their log times: its code and
-data then stay in the processor's caches. Stages do not mind who was delivered first (`stages.sequencer`).
+data then stay in the processor's caches. Stages do not mind who was delivered first (`stages.sequencer`). Where they feed
+each other in a loop, none may run ahead, and each message is a batch.
 """
 
 from __future__ import annotations
@@ -57,13 +58,15 @@ class Pipeline:
                 self._readers[topic].append((member, wanted.topic))
                 kinds[topic] = wanted.kind
         self.inputs = {topic: kind for topic, kind in kinds.items() if topic not in self.outputs}
+        self._loops = any(set(w.inputs) & set(fed.outputs) for k, w in enumerate(wirings) for fed in wirings[k:])
 
     def push(self, batch: Iterable[Message]) -> None:
         """Gives messages to all that subscribe, and what they publish to those that subscribe to that."""
         for message in batch:
             self._deliver(*message)
-        for member in self._members:
-            self._pass_on(member, member.handle_all())
+            if self._loops:
+                self._work()
+        self._work()
 
     def malformed(self, topic: str, sentence: str) -> None:
         """Counts a message that could not be read."""
@@ -73,8 +76,13 @@ class Pipeline:
     def flush(self, t_ns: int) -> None:
         """The end of the input, at a log time, from the first stages to the last."""
         for member in self._members:
-            self._pass_on(member, member.handle_all())
             self._pass_on(member, ((t_ns, emission) for emission in member.runner.flush()))
+            self._work()
+
+    def _work(self) -> None:
+        while any(member.inbox for member in self._members):
+            for member in self._members:
+                self._pass_on(member, member.handle_all())
 
     def _pass_on(self, member: _Member, emissions: Iterable[tuple[int, Emission]]) -> None:
         for t_ns, (own_name, value) in emissions:
