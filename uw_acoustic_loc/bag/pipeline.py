@@ -1,8 +1,8 @@
 """The stages of a graph, chained without DDS: what one publishes is pushed into those that subscribe to it.
 
 Messages come in batches, and each stage takes all of its own at once, in the order of their log times: its code and
-data then stay in the processor's caches. Stages do not mind who was delivered first (`stages.sequencer`). Where they feed
-each other in a loop, none may run ahead, and each message is a batch.
+data then stay in the processor's caches. Stages do not mind who was delivered first (`stages.sequencer`). Where they
+feed each other in a loop, none may run ahead, and each message is a batch.
 """
 
 from __future__ import annotations

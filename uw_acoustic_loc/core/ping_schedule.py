@@ -26,7 +26,7 @@ _RELIABLE = 0.6  # share of the most reliable one's appearances
 _ALPHA, _BETA = 0.5, 0.1  # gains of the phase and of the period
 _LONGER = 1.9  # times the known period is not yet twice it, which is what lost pings look like
 _LOST = 4  # pings expected in vain, after which strays mean another phase
-_STRAYS = 8  # after which the phase is looked at again
+_STRAYS = 8  # that are not known to repeat, after which the phase is looked at again
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ class PingSchedule:
         self._onsets: deque[float] = deque(maxlen=_REMEMBERED)
         self._origin_ns: int | None = None
         self._phase = -1e9  # of the last ping
-        self._strays = 0  # onsets that were no pings, since the phase was last looked at
+        self._strays = self._news = 0  # onsets that were no pings since the last look; without those that repeat
+        self._echoes: list[float] = []  # s after the ping, the onsets that repeated when last looked at
         self.period = 0.0  # s, 0 while it is not known
 
     def is_ping(self, t_ns: int) -> bool:
@@ -63,7 +64,8 @@ class PingSchedule:
         if self.period and self._expected(t):
             return True
         self._strays += 1
-        if not self.period or self._strays >= _STRAYS or self._overdue(t):
+        self._news += not self._repeats(t)
+        if not self.period or self._news >= _STRAYS or self._overdue(t):
             return self._learn(t)
         return False
 
@@ -77,31 +79,38 @@ class PingSchedule:
         self.period += _BETA * off / count
         return True
 
+    def _repeats(self, t: float) -> bool:
+        offs = (math.remainder(t - self._phase - echo, self.period) for echo in self._echoes)
+        return any(abs(off) < self._timing.jitter for off in offs)
+
     def _overdue(self, t: float) -> bool:
         return t - self._phase > _LOST * self.period and self._strays > 2
 
     def _learn(self, t: float) -> bool:
         """Whether the onset at t is a ping by what has been heard so far."""
-        self._strays = 0
+        self._strays = self._news = 0
         lost = not self.period or t - self._phase > _LOST * self.period
         found = learn(np.array(self._onsets), self._timing, self._timing.longest if lost else _LONGER * self.period)
         if found is not None:
-            self.period, phase = found
+            self.period, phase, self._echoes = found
             now = abs(phase - t) <= min(self._timing.jitter, self.period) / 2
             fresh = phase > self._phase + self.period / 2
             self._phase = t if now else phase
             return fresh and now
         if not lost:
             return False
-        self.period = 0.0
+        self.period, self._echoes = 0.0, []
         if t - self._phase < self._timing.shortest:
             return False
         self._phase = t
         return True
 
 
-def learn(times: Array, timing: Timing, longest: float) -> tuple[float, float] | None:
-    """Shortest period and the direct path's last onset, of onsets (n,) in time order; None if they do not repeat."""
+def learn(times: Array, timing: Timing, longest: float) -> tuple[float, float, list[float]] | None:
+    """Shortest period, the direct path's last onset, and how long after it the others come that repeat.
+
+    Of onsets (n,) in time order; None if they do not repeat.
+    """
     gaps = np.sort(times[-_ENDS:, None] - times, axis=None)
     periods = gaps[(gaps >= timing.shortest) & (gaps <= min(longest, (times[-1] - times[0]) / 2))]
     if times.size < timing.pings or periods.size == 0:
@@ -112,7 +121,8 @@ def learn(times: Array, timing: Timing, longest: float) -> tuple[float, float] |
     period = periods.item(np.argmax(shares >= _AS_GOOD * shares.max()))
     for _ in range(_REFINEMENTS):
         period += _later(times, period, timing)
-    return period, _first_path(times, period, timing)
+    first, steady = _first_path(times, period, timing)
+    return period, first, (steady - first).tolist()
 
 
 def _repeated(times: Array, periods: Array, timing: Timing) -> Array:
@@ -140,8 +150,11 @@ def _later(times: Array, period: float, timing: Timing) -> float:
     return float(off @ hits) / max(int(np.count_nonzero(hits)), 1)
 
 
-def _first_path(times: Array, period: float, timing: Timing) -> float:
-    """Of the onsets that repeat, the one after the longest silence: when it came, or was due, in the last period."""
+def _first_path(times: Array, period: float, timing: Timing) -> tuple[float, Array]:
+    """Of the onsets that repeat, the one after the longest silence: when it came, or was due, in the last period.
+
+    And all of them.
+    """
     recent = _folded(times, period, timing.tolerance(0.0))
     back = period * np.arange(1, max(2, min(_LOOK_BACK, math.floor((times[-1] - times[0]) / period))) + 1)
     expected = recent[:, None] - back
@@ -150,7 +163,7 @@ def _first_path(times: Array, period: float, timing: Timing) -> float:
     steady = recent[often >= _RELIABLE * often.max()]
     silences = np.diff(steady, prepend=steady[-1] - period)
     first = float(steady[np.argmax(silences)])
-    return first if first <= times[-1] else first - period  # due at any moment
+    return first if first <= times[-1] else first - period, steady  # due at any moment
 
 
 def _folded(times: Array, period: float, tolerance: float) -> Array:
