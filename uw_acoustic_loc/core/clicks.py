@@ -18,23 +18,24 @@ def click_block(sample_rate: float, pulse_length: float) -> int:
     return size if size >= _FEWEST else 0
 
 
-def limit_clicks(samples: AnyArray, block: int) -> tuple[AnyArray, int]:
-    """Samples (n,) with their clicks cut down, and in how many blocks; without any, the array itself.
+def limit_clicks(samples: AnyArray, block: int) -> tuple[AnyArray, AnyArray]:
+    """Samples (..., n) with their clicks cut down, and in how many blocks of each row; without any, the array itself.
 
     A loud block beside another loud one is the edge of a ping, no click.
     """
-    count = samples.size // block if block else 0
+    count = samples.shape[-1] // block if block else 0
+    blocks = (*samples.shape[:-1], count, block)
     if count < 2:
-        return samples, 0
-    size = np.abs(samples[: count * block]).reshape(count, block)
-    means = np.zeros(count + 2, size.dtype)  # with silence before and after
-    own = size.mean(axis=1, out=means[1:-1])
-    around = np.maximum(means[2:], means[:-2])
-    (hit,) = np.nonzero(size.max(axis=1) > _OUTLIER * np.maximum(own, around))
-    if hit.size == 0:
-        return samples, 0
+        return samples, np.zeros(blocks[:-2], int)
+    size = np.abs(samples[..., : count * block]).reshape(blocks)
+    means = np.zeros((*blocks[:-2], count + 2), size.dtype)  # with silence before and after
+    own = size.mean(axis=-1, out=means[..., 1:-1])
+    around = np.maximum(means[..., 2:], means[..., :-2])
+    hit = size.max(axis=-1) > _OUTLIER * np.maximum(own, around)
+    if not hit.any():
+        return samples, np.zeros(blocks[:-2], int)
     limited = samples.copy()
-    rows = limited[: count * block].reshape(count, block)
-    limit = (_LIMIT * around[hit, None]).astype(samples.dtype)
+    rows = limited[..., : count * block].reshape(blocks)
+    limit = (_LIMIT * around[hit][:, None]).astype(samples.dtype)
     rows[hit] = np.clip(rows[hit], -limit, limit)
-    return limited, int(hit.size)
+    return limited, np.count_nonzero(hit, axis=-1)

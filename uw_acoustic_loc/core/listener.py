@@ -71,7 +71,7 @@ class Listener:
         self.ears = [Ear(pulse_length, timing) for _ in bands]
         self._length = self._joiner.tail
         self._click_block = click_block(info.sample_rate, pulse_length)
-        self.clicks = [0, 0]  # per hydrophone; one at a frame's end counts again with the next
+        self.clicks = np.zeros(2, int)  # per hydrophone; one at a frame's end counts again with the next
         self._plan()
 
     @property
@@ -108,7 +108,7 @@ class Listener:
         if max(block.h0.size, frame.h0.size + self._joiner.tail) > self._length:
             self._length = frame.h0.size + self._joiner.tail
             self._plan()
-        envelopes = self._splitter.split(self._pressure(0, block.h0), self._pressure(1, block.h1))
+        envelopes = self._splitter.split(*self._pressure(block))
         energies = log_energies(envelopes)
         pings, pieces = [], []
         for source, ear in enumerate(self.ears):
@@ -133,11 +133,12 @@ class Listener:
         length = math.ceil((1.0 + 2.0 * _GUARD) * self._pulse * self._splitter.rate) + 2
         self._correlator = Correlator(self._splitter, length, self._max_lag)
 
-    def _pressure(self, channel: int, samples: AnyArray) -> AnyArray:
-        """Pa, without clicks."""
-        pressure = samples * np.float32(self._info.scale) if samples.dtype == np.int16 else samples
-        limited, count = limit_clicks(pressure, self._click_block)
-        self.clicks[channel] += count
+    def _pressure(self, block: Samples) -> AnyArray:
+        """(2, n) Pa, without clicks."""
+        scale = np.float32(self._info.scale)
+        pressure = np.stack([h * scale if h.dtype == np.int16 else h for h in (block.h0, block.h1)])
+        limited, counts = limit_clicks(pressure, self._click_block)
+        self.clicks += counts
         return limited
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .gcc import Envelopes
 from .types import AnyArray, Array, Samples
@@ -119,10 +121,10 @@ class PingDetector:
         return found
 
     def _lasts(self, sums: Array, start: int, window: int, threshold: float) -> bool:
-        count = min(_PARTS, window)
-        edges = [k * window // count for k in range(count + 1)]
-        at = [sums.item(start + edge) for edge in edges]
-        half = sorted([(at[k + 1] - at[k]) / (edges[k + 1] - edges[k]) for k in range(count)])[: count // 2]
+        edges = _edges(window)
+        at = sums[start : start + window + 1].take(edges)
+        means = ((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])).tolist()
+        half = sorted(means)[: len(means) // 2]
         return bool(sum(half) / len(half) - self._floor > _LASTING * threshold)
 
 
@@ -135,8 +137,15 @@ def log_energies(envelopes: Envelopes) -> AnyArray:
 def _means(log_energy: AnyArray, window: int) -> tuple[Array, Array]:
     """(m + 1,) running sums, and (m + 1 - window,) means of the windows that start at each sample."""
     sums = np.zeros(log_energy.size + 1)
-    np.cumsum(log_energy, dtype=np.float64, out=sums[1:])
+    log_energy.cumsum(dtype=np.float64, out=sums[1:])
     return sums, (sums[window:] - sums[:-window]) / window
+
+
+@lru_cache(maxsize=16)
+def _edges(window: int) -> NDArray[np.intp]:
+    """Of the parts of a pulse."""
+    count = min(_PARTS, window)
+    return np.arange(count + 1) * window // count
 
 
 def _onset(sums: Array, start: int, window: int) -> int:

@@ -98,7 +98,7 @@ def _frames(e: BearingEstimator) -> Numbers:
     values: Numbers = {"frames": e.frames, "gaps": e.listener.gaps, "overlaps": e.listener.overlaps}
     for k in (0, 1):
         values |= {f"h{k}.full_scale": e.health.full_scale[k], f"h{k}.dead_frames": e.health.dead_frames[k]}
-        values[f"h{k}.clicks"] = e.listener.clicks[k]
+        values[f"h{k}.clicks"] = int(e.listener.clicks[k])
     if math.isfinite(e.health.sample_rate):
         values["sample_rate_by_stamps"] = e.health.sample_rate
     return values
