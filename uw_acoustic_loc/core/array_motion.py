@@ -6,8 +6,6 @@ import math
 from bisect import bisect_right
 from typing import NamedTuple
 
-import numpy as np
-
 from .geometry import wrap_angle, yaw_from_quat
 from .types import Odometry
 
@@ -63,16 +61,17 @@ class ArrayMotion:
         Raises:
             ValueError: a pose or a velocity that is not finite.
         """
-        values = np.concatenate([odometry.position, odometry.quat_xyzw, odometry.linear, odometry.angular])
-        if not np.isfinite(values).all():
-            raise ValueError(f"odometry pose and twist must be finite, got {values.tolist()}")
+        x, y, z = odometry.position.tolist()
+        vx, vy, vz = odometry.linear.tolist()
+        quat, rates = odometry.quat_xyzw.tolist(), odometry.angular.tolist()
+        if not math.isfinite(sum((x, y, z, vx, vy, vz, *quat, *rates))):
+            raise ValueError(f"odometry pose and twist must be finite, got {[x, y, z, *quat, vx, vy, vz, *rates]}")
         if self._t_ns and odometry.t_ns <= self._t_ns[-1]:
             return
-        given = (float(odometry.position[0]), float(odometry.position[1]), yaw_from_quat(odometry.quat_xyzw))
-        twist = (float(odometry.linear[0]), float(odometry.linear[1]), float(odometry.angular[2]))
-        x, y, yaw = self._continued(given, odometry.t_ns) if self._t_ns else given
+        given: tuple[float, float, float] = (x, y, yaw_from_quat(odometry.quat_xyzw))
+        px, py, yaw = self._continued(given, odometry.t_ns) if self._t_ns else given
         self._t_ns.append(odometry.t_ns)
-        self._poses.append(_Pose(x, y, yaw, *twist))
+        self._poses.append(_Pose(px, py, yaw, vx, vy, rates[2]))
         self._given = given
         if len(self._t_ns) > _KEPT:
             del self._t_ns[: _KEPT // 2], self._poses[: _KEPT // 2]

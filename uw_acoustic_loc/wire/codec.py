@@ -26,6 +26,7 @@ from ..core.types import (
 )
 from . import messages as m
 from .flat import FlatForm, Make
+from .record import record_from, record_to
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,10 @@ def _flat(form: FlatForm) -> Codec:
 
 def _record(kind: type, name: str, single: bool = False) -> Codec:
     def encode(make: Make, value: Any) -> Any:
-        return m.record_to(make, name, value)
+        return record_to(make, name, value)
 
     def decode(msg: Any, _received_ns: int) -> Any:
-        return m.record_from(name, kind, msg, single)
+        return record_from(name, kind, msg, single)
 
     return Codec("sensor_msgs/msg/PointCloud2", encode, decode)
 

@@ -23,8 +23,7 @@ from ..core.types import (
     Pressure,
     Scalar,
 )
-from . import record
-from .flat import Flat, FlatForm, Make, Part, header, stamp_ns
+from .flat import Flat, FlatForm, Make, Part
 
 # --- parts --------------------------------------------------------------------------------------------------------
 
@@ -235,32 +234,3 @@ def scalar_from(msg: Any, t_ns: int) -> Scalar:
     """From std_msgs/Float64, with the instant at which it came (the message has no stamp)."""
     _finite(np.array([msg.data]), {"data": slice(1)})
     return Scalar(t_ns, float(msg.data))
-
-
-def record_to(make: Make, name: str, value: Any) -> Any:
-    """sensor_msgs/PointCloud2 rows of the record `name` from a core type with one array (or number) per column."""
-    columns = {column: np.atleast_1d(getattr(value, column)) for column, _ in record.layout(name).columns}
-    rows = record.pack(name, columns)
-    return make(
-        "sensor_msgs/msg/PointCloud2",
-        header=header(make, value.t_ns, value.frame_id),
-        height=1,
-        width=len(rows),
-        fields=[make("sensor_msgs/msg/PointField", **field) for field in record.fields(rows.dtype)],
-        is_bigendian=False,
-        point_step=rows.dtype.itemsize,
-        row_step=rows.nbytes,
-        data=make.octets(rows.tobytes()),
-        is_dense=True,
-    )
-
-
-def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
-    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers."""
-    columns: dict[str, Any] = dict(record.unpack(name, msg))
-    if single:
-        if len(next(iter(columns.values()))) != 1:
-            raise ValueError(f"{name}: must have 1 row, got {len(next(iter(columns.values())))}")
-        columns = {column: float(values[0]) for column, values in columns.items()}
-        _finite(np.array(list(columns.values())), {name: slice(None)})
-    return kind(t_ns=stamp_ns(msg), frame_id=msg.header.frame_id, **columns)

@@ -6,6 +6,7 @@ with padding; it must carry all of them, with the declared type.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -15,6 +16,7 @@ import numpy as np
 
 from ..core.types import AnyArray
 from ..resources import resource
+from .flat import Make, header, stamp_ns
 
 # PointField.datatype of each numpy type
 _DATATYPES = {"int8": 1, "uint8": 2, "int16": 3, "uint16": 4, "int32": 5, "uint32": 6, "float32": 7, "float64": 8}
@@ -47,6 +49,36 @@ def layout(name: str) -> Layout:
             kind, column = re.split(r"\s+", statement)
             columns.append((column, kind))
     return Layout(name, tuple(columns))
+
+
+def record_to(make: Make, name: str, value: Any) -> Any:
+    """sensor_msgs/PointCloud2 rows of the record `name` from a core type with one array (or number) per column."""
+    columns = {column: np.atleast_1d(getattr(value, column)) for column, _ in layout(name).columns}
+    rows = pack(name, columns)
+    return make(
+        "sensor_msgs/msg/PointCloud2",
+        header=header(make, value.t_ns, value.frame_id),
+        height=1,
+        width=len(rows),
+        fields=[make("sensor_msgs/msg/PointField", **field) for field in fields(rows.dtype)],
+        is_bigendian=False,
+        point_step=rows.dtype.itemsize,
+        row_step=rows.nbytes,
+        data=make.octets(rows.tobytes()),
+        is_dense=True,
+    )
+
+
+def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
+    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers."""
+    columns: dict[str, Any] = dict(unpack(name, msg))
+    if single:
+        if len(next(iter(columns.values()))) != 1:
+            raise ValueError(f"{name}: must have 1 row, got {len(next(iter(columns.values())))}")
+        columns = {column: float(values[0]) for column, values in columns.items()}
+        if not all(map(math.isfinite, columns.values())):
+            raise ValueError(f"{name} must be finite, got {[*columns.values()]}")
+    return kind(t_ns=stamp_ns(msg), frame_id=msg.header.frame_id, **columns)
 
 
 def pack(name: str, columns: dict[str, AnyArray]) -> AnyArray:
