@@ -94,14 +94,14 @@ def load_graph(path: Path) -> Graph:
 def load_yaml(path: Path, what: str) -> Any:
     """The content of a YAML file; ValueError with one sentence when it cannot be read."""
     try:
-        return yaml.load(path.read_text(), _LOADER)
+        return yaml.load(path.read_text(), YAML_LOADER)
     except OSError as error:
         raise ValueError(f"{what} {path} cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{what} {path} is not valid YAML: {' '.join(str(error).split())}") from None
 
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where there is one, which is ten times as fast
+YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where there is one, which is ten times as fast
 
 
 def _node(entry: NodeEntry, graph: Path) -> GraphNode:

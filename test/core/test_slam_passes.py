@@ -78,7 +78,7 @@ def test_no_pass_goes_through_what_is_forgotten(monkeypatch):
     feed(reconfigured, soon[: len(soon) // 4])
     reconfigured.change(config(gate_sigma=6.0))
     feed(reconfigured, soon[len(soon) // 4 :])
-    monkeypatch.setattr(slam_passes, "_MEMORY", 10.0)
+    monkeypatch.setattr(slam_passes, "_MEMORY_NS", 10_000_000_000)
     forgetful = SlamPasses(config())
     feed(forgetful, soon)
     assert reconfigured.linearised_at == forgetful.linearised_at == 0

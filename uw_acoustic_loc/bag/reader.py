@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 import zstandard
 
+from ..graph import YAML_LOADER
 from .mcap_file import MAGIC, McapFile
 from .sqlite_file import MAGIC as SQLITE_MAGIC
 from .sqlite_file import SqliteFile
@@ -109,7 +110,7 @@ class Bag:
         if not listed.exists():
             return []
         try:
-            about = yaml.safe_load(listed.read_bytes())["rosbag2_bagfile_information"]
+            about = yaml.load(listed.read_bytes(), YAML_LOADER)["rosbag2_bagfile_information"]
             self._told = about.get("message_count")
             return [str(name) for name in about["relative_file_paths"]]
         except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):

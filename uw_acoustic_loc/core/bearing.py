@@ -167,8 +167,10 @@ class BearingEstimator:
             heard = []  # the other channel alone has no bearing
         for ping in heard:
             yield from self._bearings(ping)
-        for track in self.tracks:
-            self._predict(track, self.end_ns - round(2e9 * c.pulse_length))
+        present = {ping.source for ping in heard}
+        for source, track in enumerate(self.tracks):
+            if source not in present:  # one that is heard is brought up to date by its next ping
+                self._predict(track, self.end_ns - round(2e9 * c.pulse_length))
 
     def cloud(self, source: int, t_ns: int) -> Particles | None:
         """At most 200 particles of a source in base_link, for display; None without a particle filter."""

@@ -84,5 +84,6 @@ class HydrophoneHealth:
 
 def _variance(samples: AnyArray) -> float:
     """In two passes: the difference of two large sums would lose a small one."""
-    off = samples - np.float32(samples.mean())
+    off = samples.astype(np.float32)
+    off -= off.mean()
     return float(off @ off) / off.size

@@ -35,7 +35,9 @@ def moved(state: Array, rates: Array, force: Array, dt: float) -> tuple[Array, A
     p, q, r = p - on_p, q - on_q, r - on_r
     ax, ay, az = force.tolist()
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    cy, sy, lift, climb = math.cos(yaw), math.sin(yaw), sr * v + cr * w, q * sr + r * cr
+    lift, climb = sr * v + cr * w, q * sr + r * cr
+    midway = yaw + 0.5 * dt * climb / cp  # or a steady turn would be drawn too wide
+    cy, sy = math.cos(midway), math.sin(midway)
     forward, port = cp * u + sp * lift, cr * v - sr * w  # velocity in the level frame turned by yaw
     after = (
         *(x + dt * (cy * forward - sy * port), y + dt * (sy * forward + cy * port), z + dt * (cp * lift - sp * u)),
@@ -45,20 +47,23 @@ def moved(state: Array, rates: Array, force: Array, dt: float) -> tuple[Array, A
         w + dt * (az + q * u - p * v - GRAVITY * cr * cp),
     )
     F = _IDENTITY.copy()
-    F[_FILLED] = dt * np.array(_slopes(cr, sr, cp, sp, cy, sy, u, v, w, p, q, r)) + _DIAGONAL
+    F[_FILLED] = dt * np.array(_slopes(cr, sr, cp, sp, cy, sy, u, v, w, p, q, r, dt)) + _DIAGONAL
     return np.array(after), F.reshape(9, 12)
 
 
 def _slopes(*attitude_and_motion: float) -> tuple[float, ...]:
     """The Jacobian of the state's derivative where it is not zero, row by row."""
-    cr, sr, cp, sp, cy, sy, u, v, w, p, q, r = attitude_and_motion
+    cr, sr, cp, sp, cy, sy, u, v, w, p, q, r, dt = attitude_and_motion
     lift, tp, g = sr * v + cr * w, sp / cp, GRAVITY
     forward, port, rise = cp * u + sp * lift, cr * v - sr * w, cp * lift - sp * u
     climb, tilt = q * sr + r * cr, q * cr - r * sr
     east, north = cy * forward - sy * port, sy * forward + cy * port
+    to_roll, to_pitch, to_q, to_r = (0.5 * dt / cp * slope for slope in (tilt, climb * tp, -sr, -cr))  # of midway
     return (
-        *(cy * sp * port + sy * lift, cy * rise, -north, cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
-        *(sy * sp * port - cy * lift, sy * rise, east, sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        *(cy * sp * port + sy * lift - north * to_roll, cy * rise - north * to_pitch, -north),
+        *(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, -north * to_q, -north * to_r),
+        *(sy * sp * port - cy * lift + east * to_roll, sy * rise + east * to_pitch, east),
+        *(sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, east * to_q, east * to_r),
         *(cp * port, -forward, -sp, cp * sr, cp * cr),
         *(tilt * tp, climb / cp**2, -1.0, -sr * tp, -cr * tp),
         *(-climb, -cr, sr),
@@ -71,7 +76,7 @@ def _slopes(*attitude_and_motion: float) -> tuple[float, ...]:
 
 _STEEPEST = math.radians(85)  # Euler angles end at 90 degrees
 _COLUMNS = (  # of `_slopes`
-    *((3, 4, 5, 6, 7, 8), (3, 4, 5, 6, 7, 8), (3, 4, 6, 7, 8)),
+    *((3, 4, 5, 6, 7, 8, 10, 11), (3, 4, 5, 6, 7, 8, 10, 11), (3, 4, 6, 7, 8)),
     *((3, 4, 9, 10, 11), (3, 10, 11), (3, 4, 10, 11)),
     *((4, 7, 8, 10, 11), (3, 4, 6, 8, 9, 11), (3, 4, 6, 7, 9, 10)),
 )

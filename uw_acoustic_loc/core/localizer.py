@@ -100,11 +100,12 @@ def image_error(errors: list[float], std: float) -> tuple[float, float]:
     the array's axis the nearer image has all the weight; on the axis, taking the nearer one would draw the source to
     the side where it is believed.
     """
-    nearest = min(e * e for e in errors)
-    weights = [math.exp(-0.25 * (e * e - nearest) / std**2) for e in errors]
-    total = sum(weights)
-    mean = sum(w * e for w, e in zip(weights, errors, strict=True)) / total
-    return mean, sum(w * (e - mean) ** 2 for w, e in zip(weights, errors, strict=True)) / total
+    if len(errors) == 1:
+        return errors[0], 0.0
+    near, far = sorted(errors, key=abs)
+    odds = math.exp(0.25 * (near * near - far * far) / std**2)
+    share = odds / (1.0 + odds)
+    return near + share * (far - near), share * (1.0 - share) * (far - near) ** 2
 
 
 class Hypothesis:

@@ -77,24 +77,34 @@ class Slam:
         self.imu_gaps = 0  # longer than imu_timeout
         self.ahead = 0  # IMU readings in a row from too far in the future
         self.imu_age = 0.0  # s, how old the last IMU reading was when another sensor's came
-        self._rates, self._force = np.zeros(3), np.zeros(3)
+        self._reading = np.zeros((2, 3))  # angular rate and specific force, held until the next
         self._raw = Pose(0.0, 0.0, 0.0, 0.0)  # dead reckoning with the biases in it
         self._heard_ns: dict[str, int] = {}
         self._begin_ns = self._t_ns = self._imu_ns = self._dvl_ns = 0
         self._interval = 0.0  # s between the last two IMU readings
+        self._gathered, self._ahead = np.zeros((2, 3)), 0.0  # integral of the readings, and s, not yet in `joint`
 
     @property
     def angular(self) -> Array:
         """(3,) the last angular rate without its bias."""
-        return self._rates - self.joint.mean[GYRO_BIAS]
+        return np.asarray(self._reading[0] - self.joint.mean[GYRO_BIAS])
 
     @property
     def dvl_age(self) -> float:
         """Time in s since the Doppler log's last reading, or since the start."""
         return (self._t_ns - (self._dvl_ns or self._begin_ns)) * 1e-9
 
+    def settled(self) -> Joint:
+        """The joint estimate at the last stamp; `joint` alone may be some readings of the IMU behind."""
+        if self._ahead > 0:
+            steps, rates, force = math.ceil(self._ahead / _LONGEST_STEP), *(self._gathered / self._ahead)
+            for _ in range(steps):
+                self._step(self._ahead / steps, rates, force)
+            self._gathered[:], self._ahead = 0.0, 0.0
+        return self.joint
+
     def on_imu(self, t_ns: int, rates: Array, force: Array) -> None:
-        """Moves the vehicle to the stamp with the reading before this one, which then holds until the next (eq. 9).
+        """Lets the reading before this one last until the stamp; this one then holds until the next (eq. 9).
 
         Raises:
             ValueError: a reading that no vehicle can feel, or a stamp that does not advance, or advances by too much.
@@ -105,12 +115,9 @@ class Slam:
             self._require_near(t_ns)
             self._require_order(t_ns)
             _require_later("IMU reading", t_ns, self._imu_ns)
-            self._interval = (t_ns - self._imu_ns) * 1e-9
-            if self._interval > self.config.imu_timeout:
-                self._after_gap()
-            self._advance(t_ns)
+            self._go_on((t_ns - self._imu_ns) * 1e-9, t_ns)
         self._begin_ns = self._begin_ns or t_ns
-        self._rates, self._force, self._imu_ns, self._t_ns, self.imu_age = rates, force, t_ns, t_ns, 0.0
+        self._reading, self._imu_ns, self._t_ns, self.imu_age = np.array((rates, force)), t_ns, t_ns, 0.0
 
     def on_velocity(self, t_ns: int, linear: Array) -> None:
         """Corrects by a Doppler log's velocity over ground, three scalars.
@@ -120,7 +127,8 @@ class Slam:
         """
         self._require_imu(t_ns)
         _require_later("velocity", t_ns, self._dvl_ns)
-        self._advance(t_ns)
+        self._gather(t_ns)
+        self.settled()
         self._dvl_ns = t_ns
         if not self._velocity_fits(linear):
             return
@@ -137,7 +145,8 @@ class Slam:
         std = self.config.bearing_std or std_of(variance)
         self._require_imu(t_ns)
         _require_later("bearing", t_ns, self._heard_ns.get(source_id, 0))
-        self._advance(t_ns)
+        self._gather(t_ns)
+        self.settled()
         interval = (t_ns - self._heard_ns[source_id]) * 1e-9 if source_id in self._heard_ns else math.inf
         share = independent_share(interval, self.config.bearing_correlation_time)
         self._heard_ns[source_id] = t_ns
@@ -148,34 +157,44 @@ class Slam:
         """Where a pinger is; None while its side or its range is not known."""
         return self.pingers[source_id].fix if source_id in self.pingers else None
 
+    def _go_on(self, interval: float, t_ns: int) -> None:
+        """The readings of one step are taken together; not with those before or after a gap, which are worth less."""
+        gap = interval > self.config.imu_timeout
+        if gap:
+            self.settled()
+            self._after_gap()
+        self._interval = interval
+        self._gather(t_ns)
+        if gap or self._ahead + interval > _LONGEST_STEP:
+            self.settled()
+
     def _after_gap(self) -> None:
         """Lines from before and after do not belong to one known track."""
         self.imu_gaps += 1
         for pinger in self.pingers.values():
             pinger.drop_lines()
 
-    def _advance(self, t_ns: int) -> None:
-        duration = (t_ns - self._t_ns) * 1e-9
-        steps = max(1, math.ceil(duration / _LONGEST_STEP))
-        for _ in range(steps if duration > 0 else 0):
-            self._step(duration / steps)
-        self._t_ns = t_ns
+    def _gather(self, t_ns: int) -> None:
+        """Lets the held reading last until a stamp."""
+        dt = (t_ns - self._t_ns) * 1e-9
+        self._gathered += dt * self._reading
+        self._t_ns, self._ahead = t_ns, self._ahead + dt
 
-    def _step(self, dt: float) -> None:
+    def _step(self, dt: float, rates: Array, force: Array) -> None:
         config, joint, interval = self.config, self.joint, self._interval
         lost = interval > config.imu_timeout  # the held reading then says little about the gap
         gyro = max(config.gyro_std, lost * _LOST_RATE) ** 2 * interval  # power densities of the held noise
         accelerometer = max(config.accelerometer_std, lost * _LOST_ACCELERATION) ** 2 * interval
-        self._raw = self._reckoned(dt)
+        self._raw = self._reckoned(dt, rates.item(2))
         driving, added = np.zeros(12), np.zeros(9)
         driving[GYRO_BIAS], added[VELOCITY] = gyro / dt, accelerometer * dt
-        joint.move(*moved(joint.mean, self._rates, self._force, dt), driving, added)
+        joint.move(*moved(joint.mean, rates, force, dt), driving, added)
         joint.widen(GYRO_BIAS, config.gyro_bias_walk**2 * dt)
 
-    def _reckoned(self, dt: float) -> Pose:
-        """The raw pose after dt s, from the last rates and the log's velocity."""
-        raw, mean, rate = self._raw, self.joint.mean, self._rates.item(2)
-        u, v = (mean.item(VELOCITY.start + k) + mean.item(LOG_BIAS.start + k) for k in range(2))
+    def _reckoned(self, dt: float, rate: float) -> Pose:
+        """The raw pose after dt s, from the yaw rate and the log's velocity."""
+        raw, get = self._raw, self.joint.mean.item
+        u, v = get(VELOCITY.start) + get(LOG_BIAS.start), get(VELOCITY.start + 1) + get(LOG_BIAS.start + 1)
         midway = raw.yaw + rate * dt / 2
         c, s = math.cos(midway), math.sin(midway)
         return Pose(raw.x + (c * u - s * v) * dt, raw.y + (s * u + c * v) * dt, raw.yaw + rate * dt, raw.time + dt)
@@ -230,7 +249,7 @@ def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> Non
 
 
 _START_SPEED = 3.0  # m/s, std per axis before the Doppler log speaks
-_LONGEST_STEP = 0.02  # s
+_LONGEST_STEP = 0.04  # s
 _LONGEST_GAP = 60.0  # s
 _LOST_RATE = 0.2  # rad/s, how well a reading describes a gap
 _LOST_ACCELERATION = 0.5  # m/s^2

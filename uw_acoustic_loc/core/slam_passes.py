@@ -30,6 +30,7 @@ class SlamPasses:
         self._past: list[Event] | None = []  # None when forgotten
         self._next = 0  # event that the pass under way takes next
         self._begin_ns = 0
+        self._unknown = 0.0  # s for which the bias could still be that of the first pass
 
     def change(self, config: SlamConfig) -> None:
         """Holds from now on; the past, heard under another configuration, is not gone through again."""
@@ -47,29 +48,31 @@ class SlamPasses:
     def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
         """See `Slam.on_bearing`."""
         self._take(t_ns, lambda slam: slam.on_bearing(source_id, t_ns, bearing, variance, offset))
+        if self._past is not None and self._again is None and self._bent((t_ns - self._begin_ns) * 1e-9):
+            self._again, self._next = Pass(self.slam.config, self.slam.joint.mean.item(YAW_BIAS)), 0
 
     def _take(self, t_ns: int, event: Event) -> None:
         """A measurement that the filter refuses is not remembered."""
         event(self.slam)
         self._begin_ns = self._begin_ns or t_ns
-        age = (t_ns - self._begin_ns) * 1e-9
-        if age > _MEMORY:
+        if t_ns - self._begin_ns > _MEMORY_NS:
             self._past = self._again = None
         if self._past is None:
             return
         self._past.append(event)
-        if self._again is None and self._bent(age):
-            self._again, self._next = Pass(self.slam.config, self.slam.joint.mean.item(YAW_BIAS)), 0
         if self._again is not None:
             self._catch_up(self._again, self._past)
 
     def _bent(self, age: float) -> bool:
-        """Whether the bias certainly lies where it turns the track out of what its linearisation bears."""
-        joint = self.slam.joint
+        """Whether the bias surely lies where it has bent the track more than linearising bears, until it was known."""
         if not self.slam.config.gyro_bias_std:
             return False
+        joint = self.slam.joint
         shift = abs(joint.mean.item(YAW_BIAS) - self.linearised_at)
-        return shift * age > _BEARABLE and shift > _SURE * math.sqrt(joint.cov.item(YAW_BIAS, YAW_BIAS))
+        sure = shift > _SURE * math.sqrt(joint.cov.item(YAW_BIAS, YAW_BIAS))
+        if not sure and self.linearised_at == 0.0:
+            self._unknown = age
+        return sure and shift * self._unknown > _BEARABLE
 
     def _catch_up(self, again: Pass, past: list[Event]) -> None:
         for event in past[self._next : self._next + _PACE]:
@@ -95,12 +98,12 @@ class Pass:
 
         The ratio of both priors is an exponential of the bias at the start, which is a state beside the one that walks.
         """
-        joint = self.slam.joint
+        joint = self.slam.settled()
         joint.mean -= self.linearised_at / self.slam.config.gyro_bias_std**2 * joint.cov[:, self._begun.start]
         joint.remove(self._begun)
 
 
-_MEMORY = 300.0  # s
-_BEARABLE = 0.1  # rad of yaw since the start
+_MEMORY_NS = 300_000_000_000
+_BEARABLE = 0.05  # rad of yaw
 _SURE = 3.0  # standard deviations
 _PACE = 8  # events of the past to each new one

@@ -121,7 +121,8 @@ def _position_topic(name: str) -> str:
 
 
 def _odometry(t_ns: int, slam: Slam) -> Odometry:
-    mean, cov = slam.joint.mean, slam.joint.cov
+    joint = slam.settled()
+    mean, cov = joint.mean, joint.cov
     roll, pitch, yaw = mean[ATTITUDE].tolist()
     return Odometry(
         t_ns,

@@ -149,7 +149,8 @@ class _Frame:
         return Fix(self.point(fix.mean), self._rotation @ fix.cov @ self._rotation.T)
 
     def snapshot(self, slam: Slam, time: float) -> Snapshot:
-        mean, cov = slam.joint.mean, slam.joint.cov
+        joint = slam.settled()
+        mean, cov = joint.mean, joint.cov
         known = {name: slam.position(name) for name in PLACES}
         pingers = {name: self.fix(fix) for name, fix in known.items() if fix is not None}
         return Snapshot(time, self.fix(Fix(mean[:2], cov[:2, :2])), float(mean[YAW]) + self._yaw, pingers)
