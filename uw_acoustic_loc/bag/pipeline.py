@@ -1,8 +1,9 @@
 """The stages of a graph, chained without DDS: what one publishes is pushed into those that subscribe to it.
 
-Messages come in batches, and each stage takes all of its own at once, in the order of their log times: its code and
-data then stay in the processor's caches. Stages do not mind who was delivered first (`stages.sequencer`). Where they
-feed each other in a loop, none may run ahead, and each message is a batch.
+Messages come in batches, and each stage takes all of its own at once: its code and data then stay in the processor's
+caches. It takes them in the order of the batch, what another stage published in the place of what made it do so, which
+is the order of handing over one message at a time. Where stages feed each other in a loop, none may run ahead, and each
+message is a batch.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from .types import decode, encode
 
 Publish = Callable[[int, str, bytes], None]  # log time, full topic name, CDR
 Message = tuple[int, str, Any]  # log time, topic, core value
+_Place = tuple[int, int]  # in the batch, and log time
 
 
 class _Member:
@@ -30,14 +32,14 @@ class _Member:
         name = wiring.node.full_name
         self.runner = Runner(wiring.make_stage, wiring.lateness, lambda refusal: tell(name, refusal))
         self.names = {output.topic: topic for topic, output in wiring.outputs.items()}
-        self.inbox: list[Message] = []
+        self.inbox: list[tuple[_Place, str, Any]] = []
 
-    def handle_all(self) -> Iterator[tuple[int, Emission]]:
-        """What it publishes on its inbox, with the log times of what made it do so."""
+    def handle_all(self) -> Iterator[tuple[_Place, Emission]]:
+        """What it publishes on its inbox, with the places of what made it do so."""
         inbox, self.inbox = sorted(self.inbox, key=itemgetter(0)), []
-        for t_ns, topic, value in inbox:
+        for place, topic, value in inbox:
             for emission in self.runner.push(topic, value):
-                yield t_ns, emission
+                yield place, emission
 
 
 class Pipeline:
@@ -62,8 +64,8 @@ class Pipeline:
 
     def push(self, batch: Iterable[Message]) -> None:
         """Gives messages to all that subscribe, and what they publish to those that subscribe to that."""
-        for message in batch:
-            self._deliver(*message)
+        for k, (t_ns, topic, value) in enumerate(batch):
+            self._deliver((k, t_ns), topic, value)
             if self._loops:
                 self._work()
         self._work()
@@ -76,7 +78,7 @@ class Pipeline:
     def flush(self, t_ns: int) -> None:
         """The end of the input, at a log time, from the first stages to the last."""
         for member in self._members:
-            self._pass_on(member, ((t_ns, emission) for emission in member.runner.flush()))
+            self._pass_on(member, (((0, t_ns), emission) for emission in member.runner.flush()))
             self._work()
 
     def _work(self) -> None:
@@ -84,13 +86,13 @@ class Pipeline:
             for member in self._members:
                 self._pass_on(member, member.handle_all())
 
-    def _pass_on(self, member: _Member, emissions: Iterable[tuple[int, Emission]]) -> None:
-        for t_ns, (own_name, value) in emissions:
+    def _pass_on(self, member: _Member, emissions: Iterable[tuple[_Place, Emission]]) -> None:
+        for place, (own_name, value) in emissions:
             topic, data = member.names[own_name], encode(value)
-            self._publish(t_ns, topic, data)
+            self._publish(place[1], topic, data)
             if topic in self._readers:  # they get what went through CDR: a quaternion changes a bearing's last digit
-                self._deliver(t_ns, topic, decode(type(value), data, value.t_ns))
+                self._deliver(place, topic, decode(type(value), data, value.t_ns))
 
-    def _deliver(self, t_ns: int, topic: str, value: Any) -> None:
+    def _deliver(self, place: _Place, topic: str, value: Any) -> None:
         for member, own_name in self._readers[topic]:
-            member.inbox.append((t_ns, own_name, value))
+            member.inbox.append((place, own_name, value))
