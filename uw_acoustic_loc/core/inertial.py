@@ -58,7 +58,8 @@ def _slopes(*attitude_and_motion: float) -> tuple[float, ...]:
     forward, port, rise = cp * u + sp * lift, cr * v - sr * w, cp * lift - sp * u
     climb, tilt = q * sr + r * cr, q * cr - r * sr
     east, north = cy * forward - sy * port, sy * forward + cy * port
-    to_roll, to_pitch, to_q, to_r = (0.5 * dt / cp * slope for slope in (tilt, climb * tp, -sr, -cr))  # of midway
+    half = 0.5 * dt / cp
+    to_roll, to_pitch, to_q, to_r = half * tilt, half * climb * tp, -half * sr, -half * cr  # of midway
     return (
         *(cy * sp * port + sy * lift - north * to_roll, cy * rise - north * to_pitch, -north),
         *(cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, -north * to_q, -north * to_r),
