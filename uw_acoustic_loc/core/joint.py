@@ -37,13 +37,13 @@ class Joint:
     """Mean (n,) and covariance (n, n) of the vehicle's 15 states and 2 for each pinger (Choi et al. 2016, eq. 6-10)."""
 
     def __init__(self, mean: Array, variances: Array) -> None:
-        from scipy.linalg.blas import dger  # noqa: PLC0415  slow to import
+        from scipy.linalg.blas import daxpy, dger  # noqa: PLC0415  slow to import
 
         if mean.shape != (SIZE,) or variances.shape != (SIZE,):
             raise ValueError(f"mean and variances must be ({SIZE},), got {mean.shape} and {variances.shape}")
         self.mean, self.cov = mean.copy(), np.diag(variances)
         self._slots: list[Slot] = []
-        self._dger = dger
+        self._dger, self._daxpy = dger, daxpy
 
     def move(self, mean: Array, F: Array, driving: Array, added: Array) -> None:
         """Takes over the moved first k states: F (k, m) is their Jacobian with respect to the first m.
@@ -72,7 +72,7 @@ class Joint:
         scale = (prediction.variance + variance) ** -0.5
         scaled = scale * prediction.cross
         self._dger(-1.0, scaled, scaled, a=self.cov.T, overwrite_a=1)  # BLAS wants columns contiguous: the transpose
-        self.mean += (scale * error) * scaled
+        self._daxpy(scaled, self.mean, a=scale * error)  # in place, too
 
     def add(self, fix: Fix, J: Array) -> Slot:
         """A new pinger whose error is J (2, 15) times the vehicle's, plus one of its own with the fix's covariance."""
