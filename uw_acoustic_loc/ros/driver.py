@@ -22,7 +22,7 @@ from .parameters import declare, given_parameters
 from .spin import Stop
 from .transforms import Transforms
 
-_LONG_S = 0.002
+_LONG_S = 0.002  # to make an event; a quicker one is made at once
 _REST = 0.3  # of the time to the next event
 _MISSED_NS = 1_000_000_000  # a driver that starts late leaves out what is older
 

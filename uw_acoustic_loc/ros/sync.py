@@ -130,12 +130,10 @@ def outstanding(reports: Reports, sent: Mapping[str, int], lost: Mapping[tuple[s
     """Inputs of the reporting nodes that have not taken all that they, and others (`sent`), have published, but for
     what is known to be `lost` by node and topic.
     """
-    expected = _published(reports, sent)
     return [
-        f"{name} took {seen['taken']} of {expected[topic]} on {topic}"
-        for name, report in reports.items()
-        for topic, seen in report["in"].items()
-        if seen["taken"] + lost.get((name, topic), 0) < expected[topic]
+        f"{name} took {taken} of {due} on {topic}"
+        for (name, topic), (taken, due) in _short(reports, _published(reports, sent)).items()
+        if taken + lost.get((name, topic), 0) < due
     ]
 
 
@@ -143,12 +141,17 @@ def missed(reports: Reports, before: Reports | None = None) -> dict[tuple[str, s
     """How many messages that the reporting nodes have sent (or had, when they reported `before`) each has not taken,
     by node and topic.
     """
-    expected = _published(reports if before is None else before, {})
+    published = _published(reports if before is None else before, {})
+    return {key: due - taken for key, (taken, due) in _short(reports, published).items()}
+
+
+def _short(reports: Reports, published: Mapping[str, int]) -> dict[tuple[str, str], tuple[int, int]]:
+    """What each reporting node has taken, and what was published, by node and topic, where that is more."""
     return {
-        (name, topic): expected[topic] - seen["taken"]
+        (name, topic): (seen["taken"], published[topic])
         for name, report in reports.items()
         for topic, seen in report["in"].items()
-        if seen["taken"] < expected[topic]
+        if seen["taken"] < published[topic]
     }
 
 
