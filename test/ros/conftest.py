@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uw_acoustic_loc.ros.processes import SharedMemory
-from uw_acoustic_loc.ros.sync import SyncClient
+from uw_acoustic_loc.ros.sync import SyncClient, call
 from uw_acoustic_loc.ros.types import RosMake, message_class, qos
 from uw_acoustic_loc.wire.codec import codec
 
@@ -83,8 +83,16 @@ class Bench:
 
     def _heard(self, topic: str) -> bool:
         """Whether the nodes that subscribe see the writer too: each side discovers the other on its own."""
-        reports = self.sync.ask(list(self.processes), finish=False, timeout_s=LIMIT_S)
-        return all(report["in"][topic]["writers"] > 0 for report in reports.values() if topic in report["in"])
+        return all(report["in"][topic]["writers"] > 0 for report in self._reports() if topic in report["in"])
+
+    def _reaches(self, topic: str) -> bool:
+        """Whether the nodes that publish see the reader too."""
+        return all(report["out"][topic]["readers"] > 0 for report in self._reports() if topic in report["out"])
+
+    def _reports(self) -> list[dict[str, Any]]:
+        names = list(self.processes)
+        reports = self.sync.ask(names, finish=False, timeout_s=LIMIT_S) if names else {}
+        return [reports[name] for name in names]
 
     def listen(self, topic: str, kind: type) -> None:
         """Collects core values in `received`; waits for the writer."""
@@ -96,6 +104,7 @@ class Bench:
             qos(latched=False),
         )
         self.wait(lambda: subscription.get_publisher_count() > 0, f"a writer of {topic}")
+        self.wait(lambda: self._reaches(topic), f"{topic} to reach the bench")
 
     def wait(self, good: Callable[[], bool], what: str, limit_s: float = LIMIT_S) -> None:
         """Spins until something is true."""
@@ -103,6 +112,12 @@ class Bench:
         while not good():
             assert time.monotonic() < end, f"waited {limit_s:g} s for {what}"
             self.executor.spin_once(timeout_sec=0.05)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """A service's answer."""
+        client = self.node.create_client(kind, service)
+        self.wait(client.service_is_ready, service)
+        return call({service: client}, request, self.executor, LIMIT_S)[service]
 
     def report(self, name: str, finish: bool = False) -> dict[str, Any]:
         """What a node says of itself over `~/sync`."""

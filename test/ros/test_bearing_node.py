@@ -82,15 +82,12 @@ def play(bench: Bench, name: str, frames: list[Samples]) -> None:
 
 def change(bench: Bench, **bands: list[float]) -> list[Any]:
     """Sets parameters at once; the answers."""
-    client = bench.node.create_client(SetParameters, "/bearing/set_parameters")
-    bench.wait(client.service_is_ready, "the parameter service")
     kind = ParameterType.PARAMETER_DOUBLE_ARRAY
     given = [
         Parameter(name=key, value=ParameterValue(type=kind, double_array_value=value)) for key, value in bands.items()
     ]
-    future = client.call_async(SetParameters.Request(parameters=given))
-    bench.wait(future.done, "an answer")
-    return list(future.result().results)
+    answer = bench.call(SetParameters, "/bearing/set_parameters", SetParameters.Request(parameters=given))
+    return list(answer.results)
 
 
 def test_a_retuned_pinger_is_heard_on_its_new_band(bench: Bench, name: str) -> None:

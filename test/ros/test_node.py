@@ -3,7 +3,6 @@
 import signal
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,14 +22,6 @@ PARAMS = "/**: {ros__parameters: {mooring_ids: [m1], filter: kalman}}"
 
 def offset(k: int, value: float, frame: str = "map") -> Point:
     return Point(START + k * SECOND // 2, np.array([value, 0.0, 0.0]), frame)
-
-
-def call(bench: Bench, kind: Any, service: str, request: Any) -> Any:
-    client = bench.node.create_client(kind, service)
-    bench.wait(client.service_is_ready, service)
-    future = client.call_async(request)
-    bench.wait(future.done, f"an answer of {service}")
-    return future.result()
 
 
 def test_measurements_go_in_and_estimates_come_out(bench: Bench, tmp_path: Path) -> None:
@@ -94,10 +85,10 @@ def test_a_node_that_is_held_up_catches_up_and_loses_nothing(bench: Bench, tmp_p
 def test_parameters_are_declared_with_unit_and_checked_when_changed(bench: Bench, tmp_path: Path) -> None:
     bench.start("mooring_tracker", params=PARAMS, folder=tmp_path)
     request = DescribeParameters.Request(names=["mass"])
-    described = call(bench, DescribeParameters, "/mooring_tracker/describe_parameters", request).descriptors[0]
+    described = bench.call(DescribeParameters, "/mooring_tracker/describe_parameters", request).descriptors[0]
     assert "kg" in described.description
     fixed = Parameter(name="filter", value=ParameterValue(type=4, string_value="particle"))
-    answer = call(bench, SetParameters, "/mooring_tracker/set_parameters", SetParameters.Request(parameters=[fixed]))
+    answer = bench.call(SetParameters, "/mooring_tracker/set_parameters", SetParameters.Request(parameters=[fixed]))
     assert not answer.results[0].successful
     assert "filter" in answer.results[0].reason
 

@@ -1,9 +1,13 @@
 """Who has not taken what was sent to it some time ago is named, once, and stays in the diagnostics until it has."""
 
+import signal
+import subprocess
+import sys
 from typing import Any
 
 import pytest
 
+from test.ros.conftest import LIMIT_S, Bench
 from uw_acoustic_loc.contract import Status
 from uw_acoustic_loc.ros import sync
 from uw_acoustic_loc.ros.sync import BooksWatch, missed, outstanding
@@ -41,3 +45,12 @@ def test_what_is_known_to_be_lost_is_not_waited_for() -> None:
     assert outstanding(reports(100, 90), {}) == ["/slam took 90 of 100 on /x"]
     assert outstanding(reports(110, 100), {}, lost) == []
     assert outstanding(reports(111, 100), {}, lost) == ["/slam took 100 of 111 on /x"]
+
+
+def test_a_question_that_nobody_got_is_asked_again(bench: Bench) -> None:
+    name = bench.start("toa_tracker")
+    bench.stop(name, signal.SIGKILL)
+    assert bench.sync.waiting_for() == [], "DDS believes for 20 s that it is there"
+    command = [sys.executable, "-m", "uw_acoustic_loc.ros", "toa_tracker"]
+    bench.processes[name] = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert name in bench.sync.ask([name], finish=False, timeout_s=LIMIT_S)

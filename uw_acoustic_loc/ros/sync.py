@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rclpy.client import Client
 from rclpy.executors import Executor
 from rclpy.node import Node
 from std_srvs.srv import SetBool
@@ -28,14 +29,9 @@ class SyncClient:
 
     def ask(self, names: list[str], finish: bool, timeout_s: float) -> dict[str, dict[str, Any]]:
         """Reports of the nodes that answered within the limit, by name."""
-        futures = {name: self._clients[name].call_async(SetBool.Request(data=finish)) for name in names}
-        limit = time.monotonic() + timeout_s
-        while time.monotonic() < limit and not all(future.done() for future in futures.values()):
-            self._executor.spin_once(timeout_sec=0.05)
-        for name, future in futures.items():
-            if not future.done():
-                self._clients[name].remove_pending_request(future)
-        return {name: json.loads(future.result().message) for name, future in futures.items() if future.done()}
+        clients = {name: self._clients[name] for name in names}
+        answers = call(clients, SetBool.Request(data=finish), self._executor, timeout_s)
+        return {name: json.loads(answer.message) for name, answer in answers.items()}
 
     def until(
         self, names: list[str], good: Callable[[dict[str, dict[str, Any]]], list[str]], timeout_s: float
@@ -51,6 +47,28 @@ class SyncClient:
             if not wrong or time.monotonic() > limit:
                 return wrong
             self._executor.spin_once(timeout_sec=0.005)
+
+
+def call(clients: Mapping[str, Client], request: Any, executor: Executor, timeout_s: float) -> dict[str, Any]:
+    """Calls a service of several nodes at once; the answers that came within the limit.
+
+    Who is silent is asked again: a node that has not discovered the client yet neither gets its request nor says so.
+    """
+    futures: dict[str, list[Any]] = {name: [] for name in clients}
+    answers: dict[str, Any] = {}
+    limit, again = time.monotonic() + timeout_s, 0.0
+    while len(answers) < len(clients) and (now := time.monotonic()) < limit:
+        silent = [name for name in clients if name not in answers]
+        if now >= again:
+            again = now + _AGAIN_S
+            for name in silent:
+                futures[name].append(clients[name].call_async(request))
+        executor.spin_once(timeout_sec=0.05)
+        answers.update((name, f.result()) for name in silent for f in futures[name] if f.done())
+    for name, asked in futures.items():
+        for future in asked:
+            clients[name].remove_pending_request(future)
+    return answers
 
 
 class PlayerWatch:
@@ -98,6 +116,7 @@ class BooksWatch:
         return Status(Status.WARN, f"{sum(self._overdue.values())} messages are late by seconds, or lost", values)
 
 
+_AGAIN_S = 1.0
 _OVERDUE_S = 5.0
 _ASK_S = 0.5
 _DEAD_S = 180.0  # it waits a minute for nodes that do not follow, and then says so itself
