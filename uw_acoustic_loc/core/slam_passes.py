@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from .slam import Slam, SlamConfig
 from .triangulation import Fix
 from .types import Array
 
-Event = Callable[[Slam], None]
+Event = tuple[Callable[..., None], tuple[Any, ...]]  # method of Slam, and its arguments
 
 
 class SlamPasses:
@@ -39,27 +40,27 @@ class SlamPasses:
 
     def on_imu(self, t_ns: int, rates: Array, force: Array) -> None:
         """See `Slam.on_imu`."""
-        self._take(t_ns, lambda slam: slam.on_imu(t_ns, rates, force))
+        self._take(t_ns, Slam.on_imu, (t_ns, rates, force))
 
     def on_velocity(self, t_ns: int, linear: Array) -> None:
         """See `Slam.on_velocity`."""
-        self._take(t_ns, lambda slam: slam.on_velocity(t_ns, linear))
+        self._take(t_ns, Slam.on_velocity, (t_ns, linear))
 
     def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
         """See `Slam.on_bearing`."""
-        self._take(t_ns, lambda slam: slam.on_bearing(source_id, t_ns, bearing, variance, offset))
+        self._take(t_ns, Slam.on_bearing, (source_id, t_ns, bearing, variance, offset))
         if self._past is not None and self._again is None and self._bent((t_ns - self._begin_ns) * 1e-9):
             self._again, self._next = Pass(self.slam.config, self.slam.joint.mean.item(YAW_BIAS)), 0
 
-    def _take(self, t_ns: int, event: Event) -> None:
+    def _take(self, t_ns: int, take: Callable[..., None], measured: tuple[Any, ...]) -> None:
         """A measurement that the filter refuses is not remembered."""
-        event(self.slam)
+        take(self.slam, *measured)
         self._begin_ns = self._begin_ns or t_ns
         if t_ns - self._begin_ns > _MEMORY_NS:
             self._past = self._again = None
         if self._past is None:
             return
-        self._past.append(event)
+        self._past.append((take, measured))
         if self._again is not None:
             self._catch_up(self._again, self._past)
 
@@ -75,8 +76,8 @@ class SlamPasses:
         return sure and shift * self._unknown > _BEARABLE
 
     def _catch_up(self, again: Pass, past: list[Event]) -> None:
-        for event in past[self._next : self._next + _PACE]:
-            event(again.slam)
+        for take, measured in past[self._next : self._next + _PACE]:
+            take(again.slam, *measured)
         self._next += _PACE
         if self._next >= len(past):
             again.restore_prior()

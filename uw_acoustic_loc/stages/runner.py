@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,49 +57,54 @@ class Runner:
         self.counts[topic, "received"] += 1
         self._refuse("malformed", topic, sentence)
 
-    def push(self, topic: str, value: Any) -> Iterator[Emission]:
-        """Takes a message of an input; yields what the stage publishes."""
+    def push(self, topic: str, value: Any) -> list[Emission]:
+        """Takes a message of an input; returns what the stage publishes."""
         self.counts[topic, "received"] += 1
         wanted = self._inputs[topic]
         try:
             _check_frame(wanted, value)
         except ValueError as error:
             self._refuse("malformed", topic, str(error))
-            return
+            return []
         if wanted.latched:
-            self._latched[topic] = value
-            self._waiting = bool(self.missing)
-            yield from self._handle(topic, value)
-            while self._held and not self._waiting:
-                yield from self._stream(*self._held.popleft())
-        elif self._waiting:
-            self._hold(topic, value)
-        else:
-            yield from self._stream(topic, value)
+            return self._latch(topic, value)
+        if not self._waiting:
+            return self._stream(topic, value)
+        self._hold(topic, value)
+        return []
 
-    def flush(self) -> Iterator[Emission]:
+    def flush(self) -> list[Emission]:
         """The end of the input: handles what the sequencer still holds."""
-        yield from self._handle_all(self._sequencer.flush())
+        return self._handle_all(self._sequencer.flush())
 
-    def _stream(self, topic: str, value: Any) -> Iterator[Emission]:
+    def _latch(self, topic: str, value: Any) -> list[Emission]:
+        self._latched[topic] = value
+        self._waiting = bool(self.missing)
+        emissions = self._handle(topic, value)
+        while self._held and not self._waiting:
+            emissions += self._stream(*self._held.popleft())
+        return emissions
+
+    def _stream(self, topic: str, value: Any) -> list[Emission]:
         late = self._sequencer.late[topic]
-        yield from self._handle_all(self._sequencer.push(topic, _turn_ns(self._inputs[topic], value), value))
+        emissions = self._handle_all(self._sequencer.push(topic, _turn_ns(self._inputs[topic], value), value))
         if self._sequencer.late[topic] > late:
             self._refuse("late", topic, f"stamp {value.t_ns} ns came after later stamps had been handled")
         if start := self._sequencer.new_run:
-            yield from self._restart(list(start))
+            emissions += self._restart(list(start))
+        return emissions
 
-    def _restart(self, start: list[tuple[str, int, Any]]) -> Iterator[Emission]:
+    def _restart(self, start: list[tuple[str, int, Any]]) -> list[Emission]:
         self._tell(Refusal(start[0][0], f"the clock was set back to {start[0][1]} ns: starting anew"))
         self.counts["", "restarts"] += 1
         self._sequencer.clear()
         self.stage = self._make_stage()
         self._inputs = {i.topic: i for i in self.stage.inputs}
-        for topic, value in self._latched.items():
-            yield from self._handle(topic, value)
+        emissions = self._handle_all(self._latched.items())
         for topic, t_ns, value in start:
             self.counts[topic, "late"] -= 1
-            yield from self._handle_all(self._sequencer.push(topic, t_ns, value))
+            emissions += self._handle_all(self._sequencer.push(topic, t_ns, value))
+        return emissions
 
     def _hold(self, topic: str, value: Any) -> None:
         self._held.append((topic, value))
@@ -107,9 +112,8 @@ class Runner:
             lost, _ = self._held.popleft()
             self._refuse("overflowed", lost, f"still waiting for {', '.join(self.missing)}")
 
-    def _handle_all(self, ordered: Iterable[tuple[str, Any]]) -> Iterator[Emission]:
-        for topic, value in ordered:
-            yield from self._handle(topic, value)
+    def _handle_all(self, ordered: Iterable[tuple[str, Any]]) -> list[Emission]:
+        return [emission for topic, value in ordered for emission in self._handle(topic, value)]
 
     def _handle(self, topic: str, value: Any) -> list[Emission]:
         try:
