@@ -9,7 +9,7 @@ message is a batch.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from operator import itemgetter
 from typing import Any
 
@@ -34,12 +34,10 @@ class _Member:
         self.names = {output.topic: topic for topic, output in wiring.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
 
-    def handle_all(self) -> Iterator[tuple[_Place, Emission]]:
-        """What it publishes on its inbox, with the places of what made it do so."""
+    def emptied(self) -> list[tuple[_Place, str, Any]]:
+        """What has come, in its order."""
         inbox, self.inbox = sorted(self.inbox, key=itemgetter(0)), []
-        for place, topic, value in inbox:
-            for emission in self.runner.push(topic, value):
-                yield place, emission
+        return inbox
 
 
 class Pipeline:
@@ -78,16 +76,17 @@ class Pipeline:
     def flush(self, t_ns: int) -> None:
         """The end of the input, at a log time, from the first stages to the last."""
         for member in self._members:
-            self._pass_on(member, (((0, t_ns), emission) for emission in member.runner.flush()))
+            self._pass_on(member, (0, t_ns), member.runner.flush())
             self._work()
 
     def _work(self) -> None:
         while any(member.inbox for member in self._members):
             for member in self._members:
-                self._pass_on(member, member.handle_all())
+                for place, topic, value in member.emptied():
+                    self._pass_on(member, place, member.runner.push(topic, value))
 
-    def _pass_on(self, member: _Member, emissions: Iterable[tuple[_Place, Emission]]) -> None:
-        for place, (own_name, value) in emissions:
+    def _pass_on(self, member: _Member, place: _Place, emissions: list[Emission]) -> None:
+        for own_name, value in emissions:
             topic, data = member.names[own_name], encode(value)
             self._publish(place[1], topic, data)
             if topic in self._readers:  # they get what went through CDR: a quaternion changes a bearing's last digit

@@ -45,7 +45,7 @@ class OfflineRun:
             last_ns = 0
             for batch in _batches(self._bag.records(None if keep_inputs else [*self._kinds])):
                 self._due = [self._kept(record) for record in batch if keep_inputs and record.topic not in own]
-                self.pipeline.push(message for record in batch for message in self._decoded(record))
+                self.pipeline.push(self._decoded(batch))
                 self._write()
                 last_ns = batch[-1].t_ns
                 progress(last_ns)
@@ -58,16 +58,20 @@ class OfflineRun:
         self._writer.add_topic(record.topic, record.msgtype, topic.latched, topic.definition)
         return record.t_ns, record.topic, record.data
 
-    def _decoded(self, record: Record) -> Iterator[Message]:
-        kind = self._kinds.get(record.topic)
-        if kind is None:
-            return
-        try:
-            if record.msgtype != codec(kind).msgtype:
-                raise ValueError(f"type must be {codec(kind).msgtype}, got {record.msgtype}")
-            yield record.t_ns, record.topic, decode(kind, record.data, record.t_ns)
-        except ValueError as error:
-            self.pipeline.malformed(record.topic, str(error))
+    def _decoded(self, batch: list[Record]) -> Iterator[Message]:
+        """What the graph needs of it, and can read."""
+        for record in batch:
+            kind = self._kinds.get(record.topic)
+            if kind is None:
+                continue
+            try:
+                if record.msgtype != codec(kind).msgtype:
+                    raise ValueError(f"type must be {codec(kind).msgtype}, got {record.msgtype}")
+                value = decode(kind, record.data, record.t_ns)
+            except ValueError as error:
+                self.pipeline.malformed(record.topic, str(error))
+                continue
+            yield record.t_ns, record.topic, value
 
     def _publish(self, t_ns: int, topic: str, data: bytes) -> None:
         self._due.append((t_ns, topic, data))
