@@ -107,14 +107,14 @@ def test_noise_alone_is_rarely_a_ping():
 
 def test_the_noise_power_is_found_beside_pings():
     x = sound(np.arange(0.05, 4.9, 0.1), 5.0)
-    splitter, detector = BandSplitter(RATE, [BAND[0]], [BAND[1]], 12_000), PingDetector(PULSE)
+    splitter, detector = BandSplitter(RATE, [BAND[0]], [BAND[1]], 12_000), PingDetector(PULSE, 1)
     joiner = FrameJoiner(RATE, 0.02)
     for frame in frames(x, 10_000):
         block = joiner.join(frame)
         envelopes = splitter.split(block.h0, block.h1)
-        detector.detect(log_energies(envelopes)[0], envelopes.rate, block.t_ns, 2.0)
+        detector.detect(log_energies(envelopes), envelopes.rate, block.t_ns, 2.0)
     true = 2 * 0.1**2 * float(splitter.noise_width[0]) / (RATE / 2)  # an envelope has twice the power of its signal
-    assert detector.noise_power == pytest.approx(true, rel=0.15)
+    assert detector.noise_power(0) == pytest.approx(true, rel=0.15)
 
 
 def test_a_gap_does_not_join_what_does_not_belong_together():

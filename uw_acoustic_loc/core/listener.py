@@ -29,21 +29,15 @@ class Heard:
 
 
 class Ear:
-    """What listens to one band."""
+    """What tells the pings of one band from their echoes."""
 
-    def __init__(self, pulse_length: float, timing: Timing) -> None:
-        self.detector = PingDetector(pulse_length)
+    def __init__(self, timing: Timing) -> None:
         self.schedule = PingSchedule(timing)
         self.echoes = 0  # onsets outside the window of the next ping: echoes, or leakage from other bands
 
-    @property
-    def noise_db(self) -> float:
-        """Noise floor in the band, dB re 1 Pa rms; NaN before the first block."""
-        return DB * math.log(self.detector.noise_power / 2.0)
-
-    def pings(self, log_energy: AnyArray, rate: float, t_ns: int, threshold_db: float) -> Iterator[Ping]:
+    def pings(self, onsets: list[Ping]) -> Iterator[Ping]:
         """The direct paths' among the onsets of a block."""
-        for ping in self.detector.detect(log_energy, rate, t_ns, threshold_db):
+        for ping in onsets:
             if self.schedule.is_ping(ping.t_ns):
                 yield ping
             else:
@@ -68,7 +62,8 @@ class Listener:
         self._info, self._bands, self._max_lag, self._pulse = info, tuple(bands), max_lag, pulse_length
         self._joiner = FrameJoiner(info.sample_rate, _TAIL * pulse_length)
         self._timing = timing
-        self.ears = [Ear(pulse_length, timing) for _ in bands]
+        self.detector = PingDetector(pulse_length, len(bands))
+        self.ears = [Ear(timing) for _ in bands]
         self._length = self._joiner.tail
         self._click_block = click_block(info.sample_rate, pulse_length)
         self.clicks = np.zeros(2, int)  # per hydrophone; one at a frame's end counts again with the next
@@ -84,12 +79,17 @@ class Listener:
         """Frames that began before the one before ends, or that were sent again."""
         return self._joiner.overlaps
 
+    def noise_db(self, source: int) -> float:
+        """Noise floor in a source's band, dB re 1 Pa rms; NaN before the first block."""
+        return DB * math.log(self.detector.noise_power(source) / 2.0)
+
     def tune(self, bands: Sequence[tuple[float, float]]) -> None:
         """Listens to other bands from now on; what was learnt in a band that stays is kept."""
         self.check(bands)
         for k, (old, new) in enumerate(zip(self._bands, bands, strict=True)):
             if old != new:
-                self.ears[k] = Ear(self._pulse, self._timing)
+                self.detector.forget(k)
+                self.ears[k] = Ear(self._timing)
         self._bands = tuple(bands)
         self._plan()
 
@@ -109,10 +109,10 @@ class Listener:
             self._length = frame.h0.size + self._joiner.tail
             self._plan()
         envelopes = self._splitter.split(*self._pressure(block))
-        energies = log_energies(envelopes)
+        onsets = self.detector.detect(log_energies(envelopes), envelopes.rate, block.t_ns, threshold_db)
         pings, pieces = [], []
         for source, ear in enumerate(self.ears):
-            for ping in ear.pings(energies[source], envelopes.rate, block.t_ns, threshold_db):
+            for ping in ear.pings(onsets[source]):
                 pings.append(ping)
                 pieces.append(self._piece(source, ping, envelopes))
         found = self._correlator.correlate(pieces, weighting, peaks) if pieces else ()
@@ -125,7 +125,7 @@ class Listener:
         pulse = round(self._pulse * envelopes.rate)
         guard = round(_GUARD * pulse)
         samples = envelopes.values[source][:, max(0, ping.start - guard) : ping.start + pulse + guard]
-        return Piece(source, samples, self.ears[source].detector.noise_power)
+        return Piece(source, samples, self.detector.noise_power(source))
 
     def _plan(self) -> None:
         low, high = np.array(self._bands).T

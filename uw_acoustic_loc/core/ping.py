@@ -69,63 +69,83 @@ class Ping:
 
 
 class PingDetector:
-    """The onsets in one band: mean log energy over a pulse length against the noise floor (Choi et al. 2016, eq. 1).
+    """The onsets in each band: mean log energy over a pulse length against the noise floor (Choi et al. 2016, eq. 1).
 
     The logarithm is taken before the mean and no sample counts for more than the threshold and some headroom, so that
     a loud echo does not hide the direct path before it. A ping lasts: in a click's window the quieter half is noise.
     """
 
-    def __init__(self, pulse_length: float) -> None:
+    def __init__(self, pulse_length: float, bands: int) -> None:
         self._pulse = pulse_length
-        self._floor = math.nan
-        self._last_ns = -(1 << 62)
-        self.too_short = 0  # loud enough, but no ping
+        self._floor = np.zeros(bands)  # mean log energy of noise
+        self._last_ns = [0] * bands
+        self.too_short = [0] * bands  # loud enough, but no ping
+        for band in range(bands):
+            self.forget(band)
 
-    @property
-    def noise_power(self) -> float:
+    def forget(self, band: int) -> None:
+        """Begins anew."""
+        self._floor[band], self._last_ns[band], self.too_short[band] = math.nan, -(1 << 62), 0
+
+    def noise_power(self, band: int) -> float:
         """Of an envelope sample of one channel; NaN before the first block."""
-        return math.exp(self._floor - _MEAN_LOG)
+        return math.exp(self._floor.item(band) - _MEAN_LOG)
 
-    def detect(self, log_energy: AnyArray, rate: float, t_ns: int, threshold_db: float) -> list[Ping]:
-        """Onsets whose pulse lies wholly in the block (m,), in time order; one cut by its end is left to the next."""
+    def detect(self, log_energy: AnyArray, rate: float, t_ns: int, threshold_db: float) -> list[list[Ping]]:
+        """Per band the onsets whose pulse lies wholly in the block (B, m), in time order.
+
+        One cut by the block's end is left to the next.
+        """
+        pings: list[list[Ping]] = [[] for _ in self._last_ns]
         window = max(4, round(self._pulse * rate))
-        if log_energy.size < 2 * window:
-            return []
+        if log_energy.shape[1] < 2 * window:
+            return pings
         sums, level = _means(log_energy, window)
-        self._adapt(level[:: max(1, window // 8)], log_energy.size / rate)
-        capped, level = _means(np.minimum(log_energy, self._floor + (threshold_db + _HEADROOM) / DB), window)
-        done = math.ceil(((self._last_ns - t_ns) * 1e-9 + self._pulse) * rate)
-        starts = sorted(self._starts(level, capped, max(0, done), threshold_db / DB))
-        onsets = [_onset(sums, k, window) for k in starts]
-        pings = [Ping(k, t_ns + round(1e9 * k / rate)) for k in onsets]
-        if pings:
-            self._last_ns = pings[-1].t_ns
+        self._adapt(level[:, :: max(1, window // 8)], log_energy.shape[1] / rate)
+        threshold = threshold_db / DB
+        cap = (self._floor + (threshold + _HEADROOM / DB)).astype(log_energy.dtype)
+        capped, level = _means(np.minimum(log_energy, cap[:, None]), window)
+        done = [math.ceil(((last_ns - t_ns) * 1e-9 + self._pulse) * rate) for last_ns in self._last_ns]
+        bands, starts = self._starts(level, done, window, threshold)
+        if not starts:
+            return pings
+        lasting = self._quieter_half(capped, bands, starts, window) > _LASTING * threshold
+        rises, half = _rises(sums, window // 2), window // 2
+        for band, start, lasts in zip(bands, starts, lasting.tolist(), strict=True):
+            if lasts:
+                onset = _onset(rises[band], start, half)
+                pings[band].append(Ping(onset, t_ns + round(1e9 * onset / rate)))
+                self._last_ns[band] = pings[band][-1].t_ns
+            else:
+                self.too_short[band] += 1
         return pings
 
     def _adapt(self, level: Array, duration: float) -> None:
-        quiet = float(np.partition(level, int(_QUIET * level.size))[int(_QUIET * level.size)])
-        share = 1.0 if math.isnan(self._floor) else min(1.0, duration / _FLOOR_TIME)
-        self._floor = quiet if share == 1.0 else self._floor + share * (quiet - self._floor)
+        rank = int(_QUIET * level.shape[1])
+        quiet = np.partition(level, rank, axis=1)[:, rank]
+        share = min(1.0, duration / _FLOOR_TIME)
+        self._floor = np.where(np.isnan(self._floor), quiet, self._floor + share * (quiet - self._floor))
 
-    def _starts(self, level: Array, sums: Array, done: int, threshold: float) -> list[int]:
-        """The strongest first, a pulse length apart; a maximum at the block's edge is a ping that is cut."""
-        left, window = level - self._floor, sums.size - level.size
-        left[:done] = -math.inf
+    def _starts(self, level: Array, done: list[int], window: int, threshold: float) -> tuple[list[int], list[int]]:
+        """Bands and first samples of the loud windows, in their order, at least a pulse length apart: the strongest
+        are taken first. A maximum at the block's edge is a ping that is cut.
+        """
         found = []
-        while left[k := int(left.argmax())] > threshold:
-            whole = 0 < k < level.size - 1 and level[k - 1] <= level[k]
-            if whole and self._lasts(sums, k, window, threshold):
-                found.append(k)
-            self.too_short += int(whole and found[-1:] != [k])
-            left[max(0, k - window) : k + window] = -math.inf
-        return found
+        for band, left in enumerate(level - self._floor[:, None]):
+            left[: max(0, done[band])] = -math.inf
+            while left.item(k := int(left.argmax())) > threshold:
+                if 0 < k < left.size - 1 and level.item(band, k - 1) <= level.item(band, k):
+                    found.append((band, k))
+                left[max(0, k - window) : k + window] = -math.inf
+        found.sort()
+        return [band for band, _ in found], [k for _, k in found]
 
-    def _lasts(self, sums: Array, start: int, window: int, threshold: float) -> bool:
+    def _quieter_half(self, sums: Array, bands: list[int], starts: list[int], window: int) -> Array:
+        """Mean of the quieter half of each pulse's parts over the noise floor."""
         edges = _edges(window)
-        at = sums[start : start + window + 1].take(edges)
-        means = ((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])).tolist()
-        half = sorted(means)[: len(means) // 2]
-        return bool(sum(half) / len(half) - self._floor > _LASTING * threshold)
+        at = sums[bands, np.array(starts) + edges[:, None]]
+        means = np.sort((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])[:, None], axis=0)
+        return np.asarray(means[: len(means) // 2].mean(axis=0) - self._floor[bands])
 
 
 def log_energies(envelopes: Envelopes) -> AnyArray:
@@ -135,10 +155,10 @@ def log_energies(envelopes: Envelopes) -> AnyArray:
 
 
 def _means(log_energy: AnyArray, window: int) -> tuple[Array, Array]:
-    """(m + 1,) running sums, and (m + 1 - window,) means of the windows that start at each sample."""
-    sums = np.zeros(log_energy.size + 1)
-    log_energy.cumsum(dtype=np.float64, out=sums[1:])
-    return sums, (sums[window:] - sums[:-window]) / window
+    """(B, m + 1) running sums, and (B, m + 1 - window) means of the windows that start at each sample."""
+    sums = np.zeros((log_energy.shape[0], log_energy.shape[1] + 1))
+    log_energy.cumsum(axis=1, dtype=np.float64, out=sums[:, 1:])
+    return sums, (sums[:, window:] - sums[:, :-window]) / window
 
 
 @lru_cache(maxsize=16)
@@ -148,11 +168,12 @@ def _edges(window: int) -> NDArray[np.intp]:
     return np.arange(count + 1) * window // count
 
 
-def _onset(sums: Array, start: int, window: int) -> int:
+def _rises(sums: Array, half: int) -> Array:
+    """(B, m + 1 - 2 half) sum over the samples after one, less that before it; the first is that of sample `half`."""
+    return np.asarray(sums[:, 2 * half :] - 2 * sums[:, half:-half] + sums[:, : -2 * half])
+
+
+def _onset(rises: Array, start: int, half: int) -> int:
     """The steepest rise near the strongest window: echoes pull the window late, the rise is the direct path's."""
-    half = window // 2
-    first, last = max(half, start - half), min(sums.size - 1 - half, start + half // 2) + 1
-    if first >= last:
-        return start
-    rise = sums[first + half : last + half] - 2 * sums[first:last] + sums[first - half : last - half]
-    return first + int(rise.argmax())
+    first, last = max(half, start - half), min(rises.size - 1 + half, start + half // 2) + 1
+    return first + int(rises[first - half : last - half].argmax()) if first < last else start

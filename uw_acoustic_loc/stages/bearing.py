@@ -106,13 +106,13 @@ def _frames(e: BearingEstimator) -> Numbers:
 
 def _source(e: BearingEstimator, k: int) -> Numbers:
     track, ear = e.tracks[k], e.listener.ears[k]
-    values: Numbers = {"pings": track.pings, "echoes": ear.echoes, "too_short": ear.detector.too_short}
+    values: Numbers = {"pings": track.pings, "echoes": ear.echoes, "too_short": e.listener.detector.too_short[k]}
     values["rate_hz"] = track.pings / max((e.end_ns - e.begin_ns) * 1e-9, 1e-9)
     values |= {"period_s": ear.schedule.period, "clipped": track.clipped}
     if track.pings:
         values["snr_db"] = track.snr_db
     if e.frames:
-        values |= {"noise_floor_db": ear.noise_db, "std_deg": math.degrees(track.std)}
+        values |= {"noise_floor_db": e.listener.noise_db(k), "std_deg": math.degrees(track.std)}
     return values
 
 

@@ -43,7 +43,7 @@ def extraction() -> Picture:
     axes[0, 0].set(ylabel="pressure (Pa)", title="hydrophone 0", xlim=(0.0, h0.size / info.sample_rate * 1e3))
     for k, energy in enumerate(log_energies(envelopes)):
         axis, begins = axes[k + 1, 0], [(b.t_ns - frame.t_ns) * 1e-6 for source, b in pings if source == k]
-        _band(axis, DB * energy - node.listener.ears[k].noise_db, envelopes.rate, begins)
+        _band(axis, DB * energy - node.listener.noise_db(k), envelopes.rate, begins)
         axis.set(ylabel="level (dB)", title=f"pinger {pingers[k].id}, {low[k] / 1e3:g} to {high[k] / 1e3:g} kHz")
     axes[-1, 0].set_xlabel("time in the frame (ms)")
     legend_below(figure, axes[-1, 0])
