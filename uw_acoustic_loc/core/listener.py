@@ -135,8 +135,10 @@ class Listener:
 
     def _pressure(self, block: Samples) -> AnyArray:
         """(2, n) Pa, without clicks."""
-        scale = np.float32(self._info.scale)
-        pressure = np.stack([h * scale if h.dtype == np.int16 else h for h in (block.h0, block.h1)])
+        channels, scale = (block.h0, block.h1), np.float32(self._info.scale)
+        pressure = np.empty((2, block.h0.size), np.result_type(np.float32, *channels))
+        for k, samples in enumerate(channels):
+            np.multiply(samples, scale if samples.dtype == np.int16 else 1, out=pressure[k])
         limited, counts = limit_clicks(pressure, self._click_block)
         self.clicks += counts
         return limited
