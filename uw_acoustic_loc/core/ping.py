@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,7 @@ class FrameJoiner:
         return Samples(t_ns, np.concatenate([last.h0, frame.h0]), np.concatenate([last.h1, frame.h1]))
 
 
-@dataclass(frozen=True)
-class Ping:
+class Ping(NamedTuple):
     """A ping in a block of envelopes."""
 
     start: int  # first envelope sample
@@ -145,7 +144,8 @@ class PingDetector:
         edges = _edges(window)
         at = sums[bands, np.array(starts) + edges[:, None]]
         means = np.sort((at[1:] - at[:-1]) / (edges[1:] - edges[:-1])[:, None], axis=0)
-        return np.asarray(means[: len(means) // 2].mean(axis=0) - self._floor[bands])
+        half = len(means) // 2
+        return np.asarray(means[:half].sum(axis=0) / half - self._floor[bands])
 
 
 def log_energies(envelopes: Envelopes) -> AnyArray:
