@@ -8,9 +8,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.serialization import serialize_message
 
 from test.ros.conftest import Bench
 from uw_acoustic_loc.core.types import Bearing, HydrophoneInfo, Samples
+from uw_acoustic_loc.ros.types import RosMake
+from uw_acoustic_loc.wire.codec import codec
 
 RATE, SPACING, SPEED = 100_000.0, 0.6, 1500.0
 START = 1_780_272_000_000_000_000
@@ -129,6 +132,16 @@ def test_a_frame_with_nan_is_counted_and_the_next_is_used(bench: Bench, name: st
     bench.wait(lambda: len(bearings(bench, "a")) == 5, "bearings of the other frames")
     assert told.values["gaps"] == "1"
     assert np.isfinite(bearings(bench, "a")).all()
+
+
+def test_bytes_that_are_no_message_are_counted(bench: Bench, name: str) -> None:
+    told = Told(bench, name)
+    whole = bytes(serialize_message(codec(Samples).encode(RosMake(), frame(0, (A, 1.0)))))
+    play(bench, name, [frame(k, (A, 1.0), (B, 2.0)) for k in range(3)])
+    for data in (whole[: len(whole) // 2], b"\0\1\0\0no such message"):
+        bench.publish_message("/hydrophones/samples", codec(Samples).msgtype, data)
+    bench.wait(lambda: told.values.get("hydrophones/samples malformed") == "2", "diagnostics")
+    assert len(bearings(bench, "a")) == 3
 
 
 def test_clipping_and_lost_frames_are_named(bench: Bench, name: str) -> None:

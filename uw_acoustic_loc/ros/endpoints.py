@@ -50,19 +50,22 @@ class Publishers:
 
 
 class Subscriptions:
-    """The node's inputs: `take(topic, message)` is called with the input's own name."""
+    """The node's inputs: `take(topic, data)` is called with the input's own name and CDR bytes.
+
+    Messages of bytes that cannot be decoded thus come too; rclpy would drop them in silence.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._subscriptions: dict[str, Any] = {}
         self.taken: dict[str, int] = {}
 
-    def add(self, topic: str, msgtype: str, latched: bool, take: Callable[[str, Any], None], raw: bool = False) -> None:
-        """Subscribes; `raw` hands over CDR bytes instead of a message."""
+    def add(self, topic: str, msgtype: str, latched: bool, take: Callable[[str, bytes], None]) -> None:
+        """Subscribes."""
 
-        def taken(message: Any) -> None:
+        def taken(data: bytes) -> None:
             self.taken[topic] += 1
-            take(topic, message)
+            take(topic, data)
 
         self.taken[topic] = 0
         self._subscriptions[topic] = self._node.create_subscription(
@@ -70,7 +73,7 @@ class Subscriptions:
             topic,
             taken,
             qos(latched),
-            raw=raw,
+            raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 

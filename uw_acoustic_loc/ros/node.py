@@ -16,7 +16,7 @@ from .endpoints import Publishers, Subscriptions, SyncService
 from .markers import Markers
 from .parameters import declare, given_parameters, on_change
 from .spin import Stop
-from .types import from_dds, is_raw
+from .types import from_dds
 
 
 class StageNode:
@@ -33,8 +33,7 @@ class StageNode:
         self._publishers = Publishers(self.node, self._runner.stage.outputs)
         self._subscriptions = Subscriptions(self.node)
         for wanted in self._runner.stage.inputs:
-            msgtype, raw = codec(wanted.kind).msgtype, is_raw(wanted.kind)
-            self._subscriptions.add(wanted.topic, msgtype, wanted.latched, self._take, raw)
+            self._subscriptions.add(wanted.topic, codec(wanted.kind).msgtype, wanted.latched, self._take)
         self._kinds = {wanted.topic: wanted.kind for wanted in self._runner.stage.inputs}
         self._markers = Markers(self.node)
         self._watch = InputWatch()
@@ -64,10 +63,10 @@ class StageNode:
         declare(self.node, runner)
         return config, runner
 
-    def _take(self, topic: str, message: Any) -> None:
+    def _take(self, topic: str, data: bytes) -> None:
         self._watch.heard()
         try:
-            value = from_dds(self._kinds[topic], message, self.node.get_clock().now().nanoseconds)
+            value = from_dds(self._kinds[topic], data, self.node.get_clock().now().nanoseconds)
         except ValueError as error:
             self._runner.malformed(topic, str(error))
             return

@@ -83,7 +83,7 @@ class RecorderNode:
     def _add(self, name: str, msgtype: str, latched: bool) -> None:
         self._known.add(name)
         try:
-            self._subscriptions.add(name, msgtype, latched, self._take, raw=True)
+            self._subscriptions.add(name, msgtype, latched, self._take)
         except ValueError as error:
             self.node.get_logger().warning(f"{name} is not recorded: {error}")
             return

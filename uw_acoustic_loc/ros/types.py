@@ -62,22 +62,15 @@ def to_dds(value: Any) -> Any:
     return form.flat.pack(value) if form.flat else form.encode(_MAKE, value)
 
 
-def is_raw(kind: type) -> bool:
-    """Whether `from_dds` takes CDR of this core type."""
-    return codec(kind).flat is not None
-
-
-def from_dds(kind: type, message: Any, received_ns: int) -> Any:
-    """A core value from what a subscription has taken: CDR or a message, see `is_raw`.
+def from_dds(kind: type, data: bytes, received_ns: int) -> Any:
+    """A core value from CDR bytes.
 
     Raises:
-        ValueError: the message says what cannot be, or its bytes are no such message.
+        ValueError: the message says what cannot be, or the bytes are no such message.
     """
     form = codec(kind)
-    if form.flat is None:
-        return form.decode(message, received_ns)
-    value = form.flat.unpack(message)
-    return form.decode(_deserialized(form.msgtype, message), received_ns) if value is None else value
+    value = form.flat.unpack(data) if form.flat else None
+    return form.decode(_deserialized(form.msgtype, data), received_ns) if value is None else value
 
 
 def _deserialized(msgtype: str, data: bytes) -> Any:
@@ -89,7 +82,7 @@ def _deserialized(msgtype: str, data: bytes) -> Any:
 
 def publisher_qos(output: Output) -> QoSProfile:
     """Of an output."""
-    return qos(output.latched, _DEPTH if is_raw(output.kind) else _RECORDS)
+    return qos(output.latched, _DEPTH if codec(output.kind).flat else _RECORDS)
 
 
 def qos(latched: bool, depth: int = _DEPTH) -> QoSProfile:
