@@ -16,15 +16,19 @@ BELOW = {
     "config": {"config"},
     "contract": {"contract"},
     "resources": {"resources"},
+    "yaml_file": {"yaml_file"},
     "core": {"core", "config"},
-    "sim": {"sim", "core", "config", "contract", "resources"},
+    "sim": {"sim", "core", "config", "contract", "resources", "yaml_file"},
     "wire": {"wire", "core", "resources"},
     "stages": {"stages", "core", "config", "contract"},
-    "graph": {"graph", "config"},
+    "graph": {"graph", "config", "yaml_file"},
     "wiring": {"wiring", "graph", "sim", "stages", "core", "config", "contract"},
-    "bag": {"bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract"},
+    "bag": {"bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract", "yaml_file"},
     "ros": {"ros", "bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract"},
-    "cli": {"cli", "ros", "bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract", "resources"},
+    "cli": {
+        *("cli", "ros", "bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract", "resources"),
+        "yaml_file",
+    },
 }
 OUTSIDE = {
     "core": {"numpy", "scipy"},
@@ -32,7 +36,7 @@ OUTSIDE = {
     "contract": set(),
     "stages": {"numpy"},
     "wire": {"numpy"},
-    "sim": {"numpy", "scipy", "yaml"},
+    "sim": {"numpy", "scipy"},
     "bag": {"numpy", "scipy", "yaml", "lz4", "mcap", "zstandard", "rosbags"},
     "cli": {"numpy", "scipy", "yaml", "rich", "matplotlib"},
 }

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from .config import build, param
+from .yaml_file import load_yaml
 
 
 @dataclass(frozen=True)
@@ -89,19 +88,6 @@ def load_graph(path: Path) -> Graph:
     for file in {node.params_file for node in nodes if node.params_file}:
         _check_sections(file, nodes)
     return Graph(path, nodes, content.clock_rate)
-
-
-def load_yaml(path: Path, what: str) -> Any:
-    """The content of a YAML file; ValueError with one sentence when it cannot be read."""
-    try:
-        return yaml.load(path.read_text(), YAML_LOADER)
-    except OSError as error:
-        raise ValueError(f"{what} {path} cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{what} {path} is not valid YAML: {' '.join(str(error).split())}") from None
-
-
-YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where there is one, which is ten times as fast
 
 
 def _node(entry: NodeEntry, graph: Path) -> GraphNode:

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 import zstandard
 
-from ..graph import YAML_LOADER
+from ..yaml_file import YAML_LOADER
 from .mcap_file import MAGIC, McapFile
 from .sqlite_file import MAGIC as SQLITE_MAGIC
 from .sqlite_file import SqliteFile

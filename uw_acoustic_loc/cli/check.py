@@ -21,7 +21,7 @@ from ..bag.survey import TopicSurvey, survey
 from ..bag.types import deserialize
 from ..config import build, param
 from ..core.types import Array
-from ..graph import load_yaml
+from ..yaml_file import load_yaml
 from .console import wide
 from .message_field import numbers
 from .recording import load

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ..config import build, param
 from ..core.impulsive import AlphaStable, ImpulsiveNoise
 from ..resources import resource
+from ..yaml_file import load_yaml
 
 
 @dataclass(frozen=True)
@@ -253,10 +253,4 @@ def load_scenario(path: Path) -> Scenario:
     Raises:
         ValueError: one sentence naming the file, the key and what is allowed.
     """
-    try:
-        values = yaml.safe_load(path.read_text())
-    except OSError as error:
-        raise ValueError(f"scenario {path} cannot be read: {error.strerror}") from None
-    except yaml.YAMLError as error:
-        raise ValueError(f"scenario {path} is not valid YAML: {' '.join(str(error).split())}") from None
-    return build(Scenario, values, f"scenario {path}")
+    return build(Scenario, load_yaml(path, "scenario"), f"scenario {path}")
