@@ -40,7 +40,7 @@ class BearingConfig:
     sound_speed: float = param(0.0, unit="m/s", low=0.0, high=1650.0, doc="0 = from hydrophones/info")
     sound_speed_std: float = param(1.2, unit="m/s", low=0.0, high=100.0, doc="its error is part of every variance")
     elevation_std: float = param(0.05, unit="rad", low=0.0, high=1.5, doc="of the sources off the array's plane; alike")
-    phase_std: float = param(0.055, unit="rad", low=0.0, high=3.0, doc="of the carrier, by echoes: averaging leaves it")
+    phase_std: float = param(0.045, unit="rad", low=0.0, high=3.0, doc="of the carrier, by echoes: averaging leaves it")
     height_std: float = param(0.02, low=0.0, high=1.0, doc="of a correlation maximum's relative height, by echoes")
     peaks: int = param(
         24, low=1, high=1000, doc="maxima used; Shin et al. use 4, too few for a band of 2 kHz at 25 kHz"
@@ -233,7 +233,8 @@ class BearingEstimator:
         """The filter's variance, which averaging makes too small, with the errors that all pings share."""
         floor = angle_variance(theta, tdoa_std / self._max_lag)
         c = self._config
-        scale = math.hypot(c.sound_speed_std / self._sound_speed, 0.5 * c.elevation_std**2)  # of cos(theta)
+        elevation = math.sqrt(3.0) / 2.0 * c.elevation_std**2  # root mean square of 1 - cos
+        scale = math.hypot(c.sound_speed_std / self._sound_speed, elevation)  # of cos(theta)
         return max(variance, floor) + angle_variance(theta, abs(math.cos(theta)) * scale)
 
     def _predict(self, track: SourceTrack, t_ns: int) -> None:
