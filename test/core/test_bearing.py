@@ -71,6 +71,18 @@ def test_end_fire_is_clipped_counted_and_finite(filter_, theta):
     assert abs(found[-1].bearing - theta) < 0.1
 
 
+@pytest.mark.parametrize("theta", [0.5, 0.9, 2.4])
+def test_the_variance_is_that_of_sources_off_the_arrays_plane(theta):
+    """Elevations as they are normal: five Gauss-Hermite nodes have the exact mean of their fourth power."""
+    config = replace(CONFIG, elevation_std=0.1, sound_speed_std=0.0, phase_std=0.0)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(5)
+    mean = 0.0
+    for node, weight in zip(nodes, weights / weights.sum(), strict=True):
+        (found,), _ = bearings(config, [frame(0, math.acos(math.cos(theta) * math.cos(0.1 * node)), noise=1e-4)])
+        mean += weight * (found.bearing - theta) ** 2 / found.variance
+    assert mean == pytest.approx(1.0, abs=0.15), "the rest is of higher order in the elevation"
+
+
 @pytest.mark.parametrize("filter_", ["none", "particle", "histogram"])
 def test_without_a_ping_nothing_is_published_and_the_std_grows(filter_):
     config = replace(CONFIG, filter=filter_)
