@@ -87,11 +87,11 @@ def test_meeting_moves_with_the_biases_as_the_finite_differences_say():
     bias_cov = 1e-6 * np.eye(3)
 
     def fix(biases: np.ndarray) -> np.ndarray:
-        meeting = lines.meeting(raw, raw, biases, bias_cov)
+        meeting = lines.meeting(raw, raw, biases, biases, bias_cov)
         assert meeting is not None
         return meeting.fix.mean
 
-    meeting = lines.meeting(raw, raw, np.zeros(3), bias_cov)
+    meeting = lines.meeting(raw, raw, np.zeros(3), np.zeros(3), bias_cov)
     assert meeting is not None and meeting.sharp
     np.testing.assert_allclose(meeting.fix.mean, [4, 9], atol=1e-6)
     steps = 1e-4 * np.eye(3)

@@ -10,6 +10,7 @@ import numpy as np
 
 from .inertial import SIZE, YAW_BIAS
 from .slam import Slam, SlamConfig
+from .slam_pinger import Estimate
 from .triangulation import Fix
 from .types import Array
 
@@ -49,8 +50,16 @@ class SlamPasses:
     def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
         """See `Slam.on_bearing`."""
         self._take(t_ns, Slam.on_bearing, (source_id, t_ns, bearing, variance, offset))
-        if self._past is not None and self._again is None and self._bent((t_ns - self._begin_ns) * 1e-9):
-            self._again, self._next = Pass(self.slam.config, self.slam.joint.mean.item(YAW_BIAS)), 0
+        if self._past is None or self._next < len(self._past) and self._again is not None:
+            return
+        slam, at = self._latest
+        bias, variance = _bias(slam, source_id)
+        if self._bent(bias - at, math.sqrt(variance), (t_ns - self._begin_ns) * 1e-9):
+            self._again, self._next = Pass(self.slam.config, bias), 0
+
+    @property
+    def _latest(self) -> tuple[Slam, float]:
+        return (self._again.slam, self._again.linearised_at) if self._again else (self.slam, self.linearised_at)
 
     def _take(self, t_ns: int, take: Callable[..., None], measured: tuple[Any, ...]) -> None:
         """A measurement that the filter refuses is not remembered."""
@@ -64,22 +73,20 @@ class SlamPasses:
         if self._again is not None:
             self._catch_up(self._again, self._past)
 
-    def _bent(self, age: float) -> bool:
+    def _bent(self, shift: float, std: float, age: float) -> bool:
         """Whether the bias surely lies where it has bent the track more than linearising bears, until it was known."""
         if not self.slam.config.gyro_bias_std:
             return False
-        joint = self.slam.joint
-        shift = abs(joint.mean.item(YAW_BIAS) - self.linearised_at)
-        sure = shift > _SURE * math.sqrt(joint.cov.item(YAW_BIAS, YAW_BIAS))
+        sure = abs(shift) > _SURE * std
         if not sure and self.linearised_at == 0.0:
             self._unknown = age
-        return sure and shift * self._unknown > _BEARABLE
+        return sure and abs(shift) * self._unknown > _BEARABLE
 
     def _catch_up(self, again: Pass, past: list[Event]) -> None:
         for take, measured in past[self._next : self._next + _PACE]:
             take(again.slam, *measured)
-        self._next += _PACE
-        if self._next >= len(past):
+        self._next = min(self._next + _PACE, len(past))
+        if self._next == len(past) and abs(again.pull) * self._unknown <= _BEARABLE:
             again.restore_prior()
             self.slam, self.linearised_at, self._again = again.slam, again.linearised_at, None
 
@@ -94,6 +101,12 @@ class Pass:
         copied[0, YAW_BIAS] = 1.0
         self._begun = joint.add(Fix(np.array([linearised_at, 0.0]), np.zeros((2, 2))), copied)
 
+    @property
+    def pull(self) -> float:
+        """How far in rad/s the bias will move with `restore_prior`."""
+        share = self.slam.joint.cov.item(YAW_BIAS, self._begun.start) / self.slam.config.gyro_bias_std**2
+        return self.linearised_at * share
+
     def restore_prior(self) -> None:
         """Moves the mean to where a prior of mean 0 has it.
 
@@ -102,6 +115,13 @@ class Pass:
         joint = self.slam.settled()
         joint.mean -= self.linearised_at / self.slam.config.gyro_bias_std**2 * joint.cov[:, self._begun.start]
         joint.remove(self._begun)
+
+
+def _bias(slam: Slam, source_id: str) -> Estimate:
+    """The yaw gyro's bias as the filter has it, or as a pinger's lines have told it when they know better."""
+    told, joint = slam.pingers[source_id].told, slam.joint
+    known = Estimate(joint.mean.item(YAW_BIAS), joint.cov.item(YAW_BIAS, YAW_BIAS))
+    return known if told is None or known.variance < told.variance else told
 
 
 _MEMORY_NS = 300_000_000_000

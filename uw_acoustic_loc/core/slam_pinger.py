@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .geometry import mirror_bearing, wrap_angle
-from .inertial import GYRO_BIAS, LOG_BIAS, SIZE, YAW
+from .inertial import LOG_BIAS, SIZE, YAW, YAW_BIAS
 from .joint import Joint, Slot
 from .localizer import image_error
 from .triangulation import Fix, fits, meet, merged_pairs, nearest, residuals
@@ -34,17 +34,27 @@ class Pose(NamedTuple):
         return self.x + c * ox - s * oy, self.y + s * ox + c * oy
 
 
+class Estimate(NamedTuple):
+    """A scalar and its variance."""
+
+    value: float
+    variance: float
+
+
 @dataclass(frozen=True, eq=False)
 class Meeting:
     """Where lines meet, how that moves with errors of the BIASES (2, 3), and how well they meet.
 
-    `cost` is what is left of the sum of squared residuals when the biases may err as they do; `sharp` says that they
-    meet without that.
+    `cost` is what is left of the sum of squared residuals when the biases may err as they do, and `biases` (3,) and
+    `bias_cov` (3, 3) what they then are; `fits` and `sharp` say that the lines agree, and meet, without that.
     """
 
     fix: Fix
     by_bias: Array
     cost: float
+    biases: Array
+    bias_cov: Array
+    fits: bool
     sharp: bool
 
 
@@ -76,8 +86,8 @@ class Lines:
         """How far the vehicle has turned to and fro while the lines were heard."""
         return float(np.ptp(self._lines[: self._count, 5]))
 
-    def meeting(self, raw: Pose, pose: Pose, biases: Array, bias_cov: Array) -> Meeting | None:
-        """In the frame of `pose`, the estimate of where the raw track has come to.
+    def meeting(self, raw: Pose, pose: Pose, biases: Array, prior: Array, prior_cov: Array) -> Meeting | None:
+        """In the frame of `pose`, the estimate of where the raw track has come to; drawn with `biases`.
 
         None while that is not determined at all.
         """
@@ -93,13 +103,14 @@ class Lines:
         A = np.einsum("ij,ijk->ik", H, moved)  # of the residuals, with respect to the biases
         A[:, 0] += raw.time - lines[:, 4]
         by_bias = fix.cov @ (H.T / variances) @ A
-        error = residuals(fix.mean, origins, bearings)
-        pull = A.T @ (error / variances)
-        information = (A - H @ by_bias).T / variances @ A  # on the biases, the point being free
-        gain = np.linalg.solve(np.eye(3) + bias_cov @ information, bias_cov @ pull)
-        cost = float(error @ (error / variances))
-        sharp = meet(fix, origins, bearings) and fits(cost, self._count)
-        return Meeting(fix, by_bias, cost - float(pull @ gain), sharp)
+        error, free = residuals(fix.mean, origins, bearings), A - H @ by_bias  # the point being free
+        fitting = fits(float(error @ (error / variances)), self._count)
+        error = error - free @ (biases - prior)
+        pull, information = A.T @ (error / variances), free.T / variances @ A
+        cov = np.linalg.solve(np.eye(3) + prior_cov @ information, prior_cov)
+        cost = float(error @ (error / variances) - pull @ cov @ pull)
+        sharp = fitting and meet(fix, origins, bearings)
+        return Meeting(fix, by_bias, cost, prior - cov @ pull, cov, fitting, sharp)
 
     def _origins(self, raw: Pose, pose: Pose, biases: Array, turned: Array) -> tuple[Array, Array]:
         """Where the lines were heard (n, 2), and how that moves with errors of the biases (n, 2, 3).
@@ -132,6 +143,7 @@ class Pinger:
         self._sides: list[Lines] = []
         self._slot: Slot | None = None
         self.both_sides = False
+        self.told: Estimate | None = None  # the yaw gyro's bias at which lines meet that do not at the filter's
         self.used = self.unused = self.restarts = 0
         self.nis = 0.0
         self._in_a_row = 0  # bearings beyond the gate
@@ -182,16 +194,22 @@ class Pinger:
             self.restarts += 1
 
     def _try_to_start(self, config: SlamConfig, raw: Pose) -> None:
+        mean, self.told = self._joint.mean, None
         self.both_sides = len(self._sides) == 2
         if self.both_sides and self._sides[0].turn < _TURN:
             return
-        mean = self._joint.mean
         pose = Pose(float(mean[0]), float(mean[1]), float(mean[YAW]), raw.time)
-        bias_cov = self._joint.cov[np.ix_(BIASES, BIASES)]
-        found = [side.meeting(raw, pose, mean[BIASES], bias_cov) for side in self._sides]
+        biases, bias_cov = mean[BIASES], self._joint.cov[np.ix_(BIASES, BIASES)]
+        found = [side.meeting(raw, pose, biases, biases, bias_cov) for side in self._sides]
         best = _decided([m for m in found if m is not None], len(found), config.mirror_probability)
         self.both_sides = self.both_sides and best is None
-        if best is None or not best.sharp:
+        if best is None:
+            return
+        if not best.fits:
+            there = self._sides[found.index(best)].meeting(raw, pose, best.biases, biases, bias_cov)
+            if there is not None and there.sharp:
+                self.told = Estimate(there.biases.item(0), there.bias_cov.item(0, 0))
+        if not best.sharp:
             return
         dx, dy = best.fix.mean - (pose.x, pose.y)
         distance = math.hypot(dx, dy)
@@ -222,7 +240,7 @@ def _sum_to_end(steps: Array) -> Array:
     return np.asarray(np.cumsum(steps[::-1], axis=0)[::-1])
 
 
-BIASES = [GYRO_BIAS.stop - 1, LOG_BIAS.start, LOG_BIAS.start + 1]  # those that bend and stretch a level track
+BIASES = [YAW_BIAS, LOG_BIAS.start, LOG_BIAS.start + 1]  # those that bend and stretch a level track
 _CAPACITY = 400  # lines
 _MEMORY = 100.0  # s
 _EVERY = 5  # bearings
