@@ -14,7 +14,6 @@ from uw_acoustic_loc.core.inertial import SIZE, YAW
 from uw_acoustic_loc.core.joint import Joint, regression
 from uw_acoustic_loc.core.slam import Slam
 from uw_acoustic_loc.core.slam_passes import SlamPasses
-from uw_acoustic_loc.core.slam_pinger import Lines, Pose
 from uw_acoustic_loc.core.triangulation import Fix
 from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint
 
@@ -73,30 +72,6 @@ def test_regression_is_the_jacobian_when_sharp_and_the_spread_when_wide():
     deviation, slope, rest = regression(x, y, 0.5, 0.3, 0.4)
     assert deviation == pytest.approx(angles.mean(), abs=2e-3)
     assert np.array(slope) @ S @ slope + rest == pytest.approx(angles.var(), rel=0.05)
-
-
-def test_meeting_moves_with_the_biases_as_the_finite_differences_say():
-    times = np.arange(0, 20, 0.1)
-    yaws, points = 0.02 * times, np.zeros((times.size, 2))
-    points[1:] = 0.04 * np.cumsum(np.stack([np.cos(yaws), np.sin(yaws)], axis=1), axis=0)[:-1]
-    lines = Lines()
-    for (x, y), yaw, time in zip(points, yaws, times, strict=True):
-        bearing = math.atan2(9 - y, 4 - x) - yaw
-        lines.add(Pose(x, y, yaw, time), np.array([0.0, 0.0]), bearing, 0.01)
-    raw = Pose(*points[-1], yaws[-1], times[-1])
-    bias_cov = 1e-6 * np.eye(3)
-
-    def fix(biases: np.ndarray) -> np.ndarray:
-        meeting = lines.meeting(raw, raw, biases, biases, bias_cov)
-        assert meeting is not None
-        return meeting.fix.mean
-
-    meeting = lines.meeting(raw, raw, np.zeros(3), np.zeros(3), bias_cov)
-    assert meeting is not None and meeting.sharp
-    np.testing.assert_allclose(meeting.fix.mean, [4, 9], atol=1e-6)
-    steps = 1e-4 * np.eye(3)
-    by_bias = np.stack([(fix(d) - fix(-d)) / 2e-4 for d in steps], axis=1)
-    np.testing.assert_allclose(meeting.by_bias, by_bias, rtol=0.02, atol=0.5)
 
 
 def test_cross_covariance_of_a_new_pinger():

@@ -85,6 +85,30 @@ def test_no_pass_goes_through_what_is_forgotten(monkeypatch):
     assert reconfigured.slam.config.gate_sigma == 6.0
 
 
+@pytest.mark.parametrize("bias", [5e-3, -6e-3])
+def test_lines_of_both_sides_that_a_bias_bends_begin_a_pass(bias):
+    """They wait for the turn, after 100 s, and do not meet then; only they tell of the bias."""
+    scenario, events = with_bias(bias, 8)
+    passes = SlamPasses(config(mirror=True))
+    feed(passes, events)
+    assert passes.linearised_at == pytest.approx(bias, abs=2e-3)
+    for distance, nees in errors(passes.slam, scenario).values():
+        assert distance < 1.0
+        assert nees < 5.3  # chi-square, 2 degrees of freedom: beyond once in 200
+
+
+def test_a_pass_that_does_not_know_the_bias_does_not_take_over():
+    _, events = with_bias(0.0, 5)
+    soon = [e for e in events if e[0] < events[0][0] + 60_000_000_000]
+    wrong, alone = SlamPasses(config(mirror=True)), Slam(config(mirror=True))
+    feed(wrong, soon[: len(soon) // 2])
+    wrong._again, wrong._unknown = Pass(config(mirror=True), 6e-3), 30.0
+    feed(wrong, soon[len(soon) // 2 :])
+    feed(alone, soon)
+    assert wrong._next == len(wrong._past) and wrong.linearised_at == 0
+    np.testing.assert_array_equal(wrong.slam.joint.mean, alone.joint.mean)
+
+
 def test_a_refused_measurement_is_not_remembered():
     passes, level = SlamPasses(config()), np.array([0.0, 0.0, 9.81])
     passes.on_imu(1_000_000_000, np.zeros(3), level)

@@ -20,9 +20,9 @@ Event = tuple[Callable[..., None], tuple[Any, ...]]  # method of Slam, and its a
 class SlamPasses:
     """As many passes over the first minutes as the yaw gyro's bias needs; `slam` is the latest that is complete.
 
-    Until a pinger is known nothing tells of the bias: the track is drawn, and linearised, with that of the prior. When
-    the bias proves to lie elsewhere, a pass linearised there goes through all measurements since the start, several to
-    each new one, and takes over when it has caught up.
+    Until a pinger is known, or its lines meet at another bias only, nothing tells of the bias: the track is drawn, and
+    linearised, with that of the prior. When the bias proves to lie elsewhere, a pass linearised there goes through all
+    measurements since the start, several to each new one, and takes over when it has caught up and knows the bias.
     """
 
     def __init__(self, config: SlamConfig) -> None:
@@ -50,16 +50,12 @@ class SlamPasses:
     def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
         """See `Slam.on_bearing`."""
         self._take(t_ns, Slam.on_bearing, (source_id, t_ns, bearing, variance, offset))
-        if self._past is None or self._next < len(self._past) and self._again is not None:
+        if self._past is None or (self._again is not None and self._next < len(self._past)):
             return
-        slam, at = self._latest
-        bias, variance = _bias(slam, source_id)
-        if self._bent(bias - at, math.sqrt(variance), (t_ns - self._begin_ns) * 1e-9):
+        latest = self._again or self
+        bias, variance = _bias(latest.slam, source_id)
+        if self._bent(bias - latest.linearised_at, math.sqrt(variance), (t_ns - self._begin_ns) * 1e-9):
             self._again, self._next = Pass(self.slam.config, bias), 0
-
-    @property
-    def _latest(self) -> tuple[Slam, float]:
-        return (self._again.slam, self._again.linearised_at) if self._again else (self.slam, self.linearised_at)
 
     def _take(self, t_ns: int, take: Callable[..., None], measured: tuple[Any, ...]) -> None:
         """A measurement that the filter refuses is not remembered."""
@@ -99,13 +95,13 @@ class Pass:
         joint, copied = self.slam.joint, np.zeros((2, SIZE))
         joint.mean[YAW_BIAS] = linearised_at
         copied[0, YAW_BIAS] = 1.0
+        self._prior = linearised_at / config.gyro_bias_std**2  # exponent of the ratio of both priors, per rad/s
         self._begun = joint.add(Fix(np.array([linearised_at, 0.0]), np.zeros((2, 2))), copied)
 
     @property
     def pull(self) -> float:
-        """How far in rad/s the bias will move with `restore_prior`."""
-        share = self.slam.joint.cov.item(YAW_BIAS, self._begun.start) / self.slam.config.gyro_bias_std**2
-        return self.linearised_at * share
+        """How far in rad/s `restore_prior` moves the bias back; as far as the pass began when it has learnt nothing."""
+        return self._prior * self.slam.joint.cov.item(YAW_BIAS, self._begun.start)
 
     def restore_prior(self) -> None:
         """Moves the mean to where a prior of mean 0 has it.
@@ -113,7 +109,7 @@ class Pass:
         The ratio of both priors is an exponential of the bias at the start, which is a state beside the one that walks.
         """
         joint = self.slam.settled()
-        joint.mean -= self.linearised_at / self.slam.config.gyro_bias_std**2 * joint.cov[:, self._begun.start]
+        joint.mean -= self._prior * joint.cov[:, self._begun.start]
         joint.remove(self._begun)
 
 

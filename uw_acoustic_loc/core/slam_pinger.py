@@ -203,13 +203,11 @@ class Pinger:
         found = [side.meeting(raw, pose, biases, biases, bias_cov) for side in self._sides]
         best = _decided([m for m in found if m is not None], len(found), config.mirror_probability)
         self.both_sides = self.both_sides and best is None
-        if best is None:
-            return
-        if not best.fits:
+        if best is not None and not best.fits:
             there = self._sides[found.index(best)].meeting(raw, pose, best.biases, biases, bias_cov)
             if there is not None and there.sharp:
                 self.told = Estimate(there.biases.item(0), there.bias_cov.item(0, 0))
-        if not best.sharp:
+        if best is None or not best.sharp:
             return
         dx, dy = best.fix.mean - (pose.x, pose.y)
         distance = math.hypot(dx, dy)
