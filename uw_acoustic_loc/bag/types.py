@@ -30,7 +30,7 @@ _MAKE = BagMake()
 def encode(value: Any) -> bytes:
     """CDR bytes of a core value."""
     form = codec(type(value))
-    return form.flat.pack(value) if form.flat else serialize(form.encode(_MAKE, value), form.msgtype)
+    return form.cdr.pack(value) if form.cdr else serialize(form.encode(_MAKE, value), form.msgtype)
 
 
 def decode(kind: type, data: bytes, t_ns: int) -> Any:
@@ -40,7 +40,7 @@ def decode(kind: type, data: bytes, t_ns: int) -> Any:
         ValueError: the bytes are no such message, or it says what cannot be.
     """
     form = codec(kind)
-    value = form.flat.unpack(data) if form.flat else None
+    value = form.cdr.unpack(data) if form.cdr else None
     return form.decode(deserialize(data, form.msgtype), t_ns) if value is None else value
 
 

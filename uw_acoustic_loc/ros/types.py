@@ -12,7 +12,7 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from ..contract import Output
-from ..wire.codec import codec
+from ..wire.codec import RECORD, codec
 
 # So many messages may a subscriber fall behind before it loses any: in its own queue while it is busy, and in the
 # publisher's while its process is held up. 10 s of an IMU at 100 Hz, and of a record, which may be long, 100 messages.
@@ -59,7 +59,7 @@ _MAKE = RosMake()
 def to_dds(value: Any) -> Any:
     """What a publisher takes: CDR where that needs no message object, which is half the processor time of a message."""
     form = codec(type(value))
-    return form.flat.pack(value) if form.flat else form.encode(_MAKE, value)
+    return form.cdr.pack(value) if form.cdr else form.encode(_MAKE, value)
 
 
 def from_dds(kind: type, data: bytes, received_ns: int) -> Any:
@@ -69,7 +69,7 @@ def from_dds(kind: type, data: bytes, received_ns: int) -> Any:
         ValueError: the message says what cannot be, or the bytes are no such message.
     """
     form = codec(kind)
-    value = form.flat.unpack(data) if form.flat else None
+    value = form.cdr.unpack(data) if form.cdr else None
     return form.decode(_deserialized(form.msgtype, data), received_ns) if value is None else value
 
 
@@ -82,7 +82,7 @@ def _deserialized(msgtype: str, data: bytes) -> Any:
 
 def publisher_qos(output: Output) -> QoSProfile:
     """Of an output."""
-    return qos(output.latched, _DEPTH if codec(output.kind).flat else _RECORDS)
+    return qos(output.latched, _RECORDS if codec(output.kind).msgtype == RECORD else _DEPTH)
 
 
 def qos(latched: bool, depth: int = _DEPTH) -> QoSProfile:

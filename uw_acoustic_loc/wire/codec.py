@@ -26,17 +26,17 @@ from ..core.types import (
 )
 from . import messages as m
 from .flat import FlatForm, Make
-from .record import record_from, record_to
+from .record_form import RecordForm
 
 
 @dataclass(frozen=True)
 class Codec:
-    """`encode(make, value) -> message`, `decode(message, received_ns) -> value`; `flat` if it needs no object."""
+    """`encode(make, value) -> message`, `decode(message, received_ns) -> value`; `cdr` if it needs no object."""
 
     msgtype: str
     encode: Callable[[Make, Any], Any]
     decode: Callable[[Any, int], Any]
-    flat: FlatForm | None = None
+    cdr: FlatForm | RecordForm | None = None
 
 
 def codec(kind: type) -> Codec:
@@ -49,15 +49,11 @@ def _flat(form: FlatForm) -> Codec:
 
 
 def _record(kind: type, name: str, single: bool = False) -> Codec:
-    def encode(make: Make, value: Any) -> Any:
-        return record_to(make, name, value)
-
-    def decode(msg: Any, _received_ns: int) -> Any:
-        return record_from(name, kind, msg, single)
-
-    return Codec("sensor_msgs/msg/PointCloud2", encode, decode)
+    form = RecordForm(name, kind, single)
+    return Codec(RECORD, form.encode, form.decode, form)
 
 
+RECORD = "sensor_msgs/msg/PointCloud2"
 _CODECS: dict[type, Codec] = {
     Odometry: _flat(m.ODOMETRY),
     Bearing: _flat(m.BEARING),

@@ -74,7 +74,7 @@ class FlatForm:
     def pack(self, value: Any) -> bytes:
         """CDR bytes."""
         flat = self.flatten(value)
-        return _STAMP.pack(_LITTLE_ENDIAN, *divmod(flat.t_ns, _SECOND)) + _packed(flat.names) + flat.values.tobytes()
+        return STAMP.pack(LITTLE_ENDIAN, *divmod(flat.t_ns, SECOND)) + _packed(flat.names) + flat.values.tobytes()
 
     def unpack(self, data: bytes) -> Any:
         """From CDR bytes; None when they have another layout than expected, so that a general decoder must look."""
@@ -85,28 +85,29 @@ class FlatForm:
         return None if flat is None else self.restore(flat)
 
     def _unpacked(self, data: bytes) -> Flat | None:
-        kind, sec, nanosec = _STAMP.unpack_from(data)
+        kind, sec, nanosec = STAMP.unpack_from(data)
         begin = len(data) - 8 * self.size
-        names = _names_in(data[_STAMP.size : begin], 1 + len(self.names)) if begin > _STAMP.size else None
-        if kind != _LITTLE_ENDIAN or names is None:
+        names = _names_in(data[STAMP.size : begin], 1 + len(self.names)) if begin > STAMP.size else None
+        if kind != LITTLE_ENDIAN or names is None:
             return None
         values = np.frombuffer(data, _FLOAT64, self.size, begin).copy()  # a copy is aligned
-        return Flat(_set(sec * _SECOND + nanosec), names, values)
+        return Flat(checked_stamp(sec * SECOND + nanosec), names, values)
 
 
 def header(make: Make, t_ns: int, frame_id: str) -> Any:
     """std_msgs/Header."""
-    sec, nanosec = divmod(t_ns, _SECOND)
+    sec, nanosec = divmod(t_ns, SECOND)
     stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
 
 
 def stamp_ns(msg: Any) -> int:
     """The header's stamp in nanoseconds; zero means that nobody set it."""
-    return _set(int(msg.header.stamp.sec) * _SECOND + int(msg.header.stamp.nanosec))
+    return checked_stamp(int(msg.header.stamp.sec) * SECOND + int(msg.header.stamp.nanosec))
 
 
-def _set(t_ns: int) -> int:
+def checked_stamp(t_ns: int) -> int:
+    """The stamp in ns; ValueError unless it is set."""
     if t_ns <= 0:
         raise ValueError(f"header.stamp must be set, got {t_ns} ns")
     return t_ns
@@ -139,11 +140,14 @@ def _numbers(part: Part, msg: Any) -> Iterator[float]:
 @lru_cache(maxsize=256)
 def _packed(names: tuple[str, ...]) -> bytes:
     """Strings as they follow a stamp, up to the first number."""
-    data = b""
-    for name in names:
-        text = name.encode() + b"\0"
-        data += bytes(-len(data) % 4) + _LENGTH.pack(len(text)) + text
+    data = b"".join(map(aligned_string, names))
     return data + bytes(-len(data) % 8)
+
+
+def aligned_string(text: str) -> bytes:
+    """A string in CDR, up to where the next string or 32 bit number stands."""
+    data = text.encode() + b"\0"
+    return LENGTH.pack(len(data)) + data + bytes(-len(data) % 4)
 
 
 @lru_cache(maxsize=256)
@@ -152,14 +156,17 @@ def _names_in(packed: bytes, count: int) -> tuple[str, ...] | None:
     at, names = 0, []
     for _ in range(count):
         at += -at % 4
-        (length,) = _LENGTH.unpack_from(packed, at)
-        at += _LENGTH.size + length
-        names.append(packed[at - length : at - 1].decode())
+        (length,) = LENGTH.unpack_from(packed, at)
+        at += LENGTH.size + length
+        text = packed[at - length : at]
+        if not text.endswith(b"\0"):
+            return None
+        names.append(text[:-1].decode())
     return tuple(names) if len(packed) == at + -at % 8 else None
 
 
-_SECOND = 1_000_000_000
+SECOND = 1_000_000_000
 _FLOAT64 = np.dtype("<f8")
-_LITTLE_ENDIAN = b"\0\1\0\0"  # the encapsulation; alignment counts from its end
-_STAMP = struct.Struct("<4siI")
-_LENGTH = struct.Struct("<I")
+LITTLE_ENDIAN = b"\0\1\0\0"  # the encapsulation; alignment counts from its end
+STAMP = struct.Struct("<4siI")
+LENGTH = struct.Struct("<I")

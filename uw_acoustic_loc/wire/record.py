@@ -53,8 +53,7 @@ def layout(name: str) -> Layout:
 
 def record_to(make: Make, name: str, value: Any) -> Any:
     """sensor_msgs/PointCloud2 rows of the record `name` from a core type with one array (or number) per column."""
-    columns = {column: np.atleast_1d(getattr(value, column)) for column, _ in layout(name).columns}
-    rows = pack(name, columns)
+    rows = rows_of(name, value)
     return make(
         "sensor_msgs/msg/PointCloud2",
         header=header(make, value.t_ns, value.frame_id),
@@ -70,20 +69,31 @@ def record_to(make: Make, name: str, value: Any) -> Any:
 
 
 def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
-    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers."""
-    columns: dict[str, Any] = dict(unpack(name, msg))
+    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
+
+    Raises:
+        ValueError: a column is missing or has another type, or the data do not have the length that they declare.
+    """
+    given = tuple((field.name, field.datatype, field.offset, field.count) for field in msg.fields)
+    rows = _rows(name, msg, _checked(name, given, msg.point_step))
+    return value_of(name, kind, stamp_ns(msg), msg.header.frame_id, rows, single)
+
+
+def value_of(name: str, kind: type, t_ns: int, frame_id: str, rows: AnyArray, single: bool) -> Any:
+    """A core type from structured rows (N,). Each column is in one piece: steps through rows would slow every use."""
+    columns: dict[str, Any] = {column: np.ascontiguousarray(rows[column]) for column, _ in layout(name).columns}
     if single:
         if len(next(iter(columns.values()))) != 1:
             raise ValueError(f"{name}: must have 1 row, got {len(next(iter(columns.values())))}")
         columns = {column: float(values[0]) for column, values in columns.items()}
         if not all(map(math.isfinite, columns.values())):
             raise ValueError(f"{name} must be finite, got {[*columns.values()]}")
-    return kind(t_ns=stamp_ns(msg), frame_id=msg.header.frame_id, **columns)
+    return kind(t_ns=t_ns, frame_id=frame_id, **columns)
 
 
-def pack(name: str, columns: dict[str, AnyArray]) -> AnyArray:
+def rows_of(name: str, value: Any) -> AnyArray:
     """Structured rows (N,) of the record from its columns (each (N,)); a type that may stand stays as it is."""
-    given = [columns[column] for column, _ in layout(name).columns]
+    given = [np.atleast_1d(getattr(value, column)) for column, _ in layout(name).columns]
     rows = np.empty(len(given[0]), _packed_type(name, tuple(column.dtype for column in given)))
     for column, values in zip(rows.dtype.names, given, strict=True):
         rows[column] = values
@@ -97,6 +107,14 @@ def _packed_type(name: str, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any]:
     return np.dtype([(column, has if has in plan.allowed(kind) else kind) for column, kind, has in own])
 
 
+@cache
+def row_types(name: str) -> list[np.dtype[Any]]:
+    """Rows with the columns' declared types, and with those that may take their place."""
+    also = _ALSO.get(name, {})
+    plans = [dict(layout(name).columns), {column: also.get(kind, kind) for column, kind in layout(name).columns}]
+    return [np.dtype([*plan.items()]) for plan in plans[: 1 + bool(also)]]
+
+
 @lru_cache(maxsize=64)
 def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
     """PointField contents of structured rows of this type."""
@@ -107,19 +125,8 @@ def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
     ]
 
 
-def unpack(name: str, msg: Any) -> dict[str, AnyArray]:
-    """Columns of a PointCloud2 message, each in one piece: steps through rows would slow every use of them.
-
-    Raises:
-        ValueError: a column is missing or has another type, or the data do not have the length that they declare.
-    """
-    given = tuple((field.name, field.datatype, field.offset, field.count) for field in msg.fields)
-    rows = _rows(name, msg, _checked(name, given, msg.point_step))
-    return {column: np.ascontiguousarray(rows[column]) for column, _ in layout(name).columns}
-
-
 def table(msg: Any) -> AnyArray:
-    """Structured view (N,) of any PointCloud2's rows: the columns that hold one number each; ValueError as `unpack`."""
+    """Structured view (N,) of any PointCloud2's rows: the columns of one number each; ValueError as `record_from`."""
     named = {field.name: field for field in msg.fields}
     plain = [(f.name, f.datatype, f.offset) for f in named.values() if f.count == 1 and f.datatype in _NUMPY]
     good = [column for column in plain if column[2] + _NUMPY[column[1]].itemsize <= msg.point_step]

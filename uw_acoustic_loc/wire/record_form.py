@@ -1,0 +1,93 @@
+"""Records to CDR and back without a message object: all that stands around their rows is known beforehand."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from .flat import LENGTH, LITTLE_ENDIAN, SECOND, STAMP, Make, aligned_string, checked_stamp
+from .record import fields, record_from, record_to, row_types, rows_of, value_of
+
+
+@dataclass(frozen=True)
+class RecordForm:
+    """A record's PointCloud2, as a message object and in CDR; a `single` one has one row and becomes numbers."""
+
+    name: str
+    kind: type
+    single: bool = False
+
+    def encode(self, make: Make, value: Any) -> Any:
+        """The message."""
+        return record_to(make, self.name, value)
+
+    def decode(self, msg: Any, _received_ns: int = 0) -> Any:
+        """From a message."""
+        return record_from(self.name, self.kind, msg, self.single)
+
+    def pack(self, value: Any) -> bytes:
+        """CDR bytes."""
+        rows = rows_of(self.name, value)
+        begin = STAMP.pack(LITTLE_ENDIAN, *divmod(value.t_ns, SECOND)) + _begin(value.frame_id)
+        sizes = _SIZES.pack(rows.nbytes, rows.nbytes)
+        return b"".join((begin, LENGTH.pack(len(rows)), _middle(rows.dtype), sizes, rows.tobytes(), _DENSE))
+
+    def unpack(self, data: bytes) -> Any:
+        """From CDR bytes; None when they have another layout than `pack` gives, so that a general decoder must look."""
+        try:
+            found = self._unpacked(data)
+        except (struct.error, UnicodeDecodeError):
+            return None
+        if found is None:
+            return None
+        t_ns, frame_id, rows = found
+        return value_of(self.name, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
+
+    def _unpacked(self, data: bytes) -> tuple[int, str, Any] | None:
+        """Stamp, frame and rows."""
+        encapsulation, sec, nanosec = STAMP.unpack_from(data)
+        (length,) = LENGTH.unpack_from(data, STAMP.size)
+        frame_id = data[STAMP.size + LENGTH.size :][: length - 1].decode()
+        begin = _begin(frame_id)
+        at = STAMP.size + len(begin)
+        if encapsulation != LITTLE_ENDIAN or not data.startswith(begin, STAMP.size):
+            return None
+        (count,), at = LENGTH.unpack_from(data, at), at + LENGTH.size
+        for row in row_types(self.name):
+            if data.startswith(_middle(row), at):
+                rows = _rows(data, at + len(_middle(row)), count, row)
+                return None if rows is None else (sec * SECOND + nanosec, frame_id, rows)
+        return None
+
+
+def _rows(data: bytes, at: int, count: int, row: np.dtype[Any]) -> Any:
+    """(count,) structured, behind the sizes; None when these are others."""
+    size = count * row.itemsize
+    if _SIZES.unpack_from(data, at) != (size, size) or len(data) != at + _SIZES.size + size + len(_DENSE):
+        return None
+    return np.frombuffer(data, row, count, at + _SIZES.size)
+
+
+@lru_cache(maxsize=256)
+def _begin(frame_id: str) -> bytes:
+    """From the frame to the height."""
+    return aligned_string(frame_id) + LENGTH.pack(1)
+
+
+@lru_cache(maxsize=64)
+def _middle(row: np.dtype[Any]) -> bytes:
+    """From the fields to the size of a row; begins at a multiple of 4."""
+    described = fields(row)
+    parts = [LENGTH.pack(len(described))]
+    for field in described:
+        parts += [aligned_string(field["name"]), _FIELD.pack(field["offset"], field["datatype"], field["count"])]
+    return b"".join((*parts, _NOT_BIG_ENDIAN, LENGTH.pack(row.itemsize)))
+
+
+_SIZES = struct.Struct("<II")  # of a row of points, and of the data: all is one row of them
+_FIELD = struct.Struct("<IB3xI")
+_NOT_BIG_ENDIAN, _DENSE = b"\0\0\0\0", b"\1"
