@@ -66,7 +66,7 @@ def _shown(key: str, numbers: dict[str, float]) -> str:
 
 _TITLES = {
     "bearing": "Bearings",
-    "localizer": "Pingers, from bearings and dead reckoning",
+    "localizer": "Pingers, from bearings and odometry",
     "slam": "Vehicle and pingers, SLAM",
     "toa": "Target and sound speed c, from the buoys",
     "multistatic": "Target, from the sonar net",

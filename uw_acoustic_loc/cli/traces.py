@@ -67,9 +67,7 @@ class Traces:
     def _localizer(self) -> Iterator[Picture]:
         if found := self._named("source", source_errors):
             figure = self._east_north(found, RED)
-            yield picture(
-                "Pingers from bearings and dead reckoning", _BAND + " Dead reckoning's drift is in it.", figure
-            )
+            yield picture("Pingers from bearings and odometry", _BAND + " The odometry's drift is in it.", figure)
 
     def _slam(self) -> Iterator[Picture]:
         for series in self._recording.all("slam"):
