@@ -109,7 +109,8 @@ class PingDetector:
         if not starts:
             return pings
         lasting = self._quieter_half(capped, bands, starts, window) > _LASTING * threshold
-        rises, half = _rises(sums, window // 2), window // 2
+        half = window // 2
+        rises = _rises(sums, half)
         for band, start, lasts in zip(bands, starts, lasting.tolist(), strict=True):
             if lasts:
                 onset = _onset(rises[band], start, half)

@@ -12,7 +12,8 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from ..contract import Output
-from ..wire.codec import RECORD, codec
+from ..wire.codec import codec
+from ..wire.record import RECORD
 
 # So many messages may a subscriber fall behind before it loses any: in its own queue while it is busy, and in the
 # publisher's while its process is held up. 10 s of an IMU at 100 Hz, and of a record, which may be long, 100 messages.

@@ -44,31 +44,25 @@ def codec(kind: type) -> Codec:
     return _CODECS[kind]
 
 
-def _flat(form: FlatForm) -> Codec:
-    return Codec(form.body.msgtype, form.encode, form.decode, form)
+def _direct(form: FlatForm | RecordForm) -> Codec:
+    return Codec(form.msgtype, form.encode, form.decode, form)
 
 
-def _record(kind: type, name: str, single: bool = False) -> Codec:
-    form = RecordForm(name, kind, single)
-    return Codec(RECORD, form.encode, form.decode, form)
-
-
-RECORD = "sensor_msgs/msg/PointCloud2"
 _CODECS: dict[type, Codec] = {
-    Odometry: _flat(m.ODOMETRY),
-    Bearing: _flat(m.BEARING),
-    Position: _flat(m.POSITION),
-    Imu: _flat(m.IMU),
-    BodyVelocity: _flat(m.BODY_VELOCITY),
-    Point: _flat(m.POINT),
-    Pressure: _flat(m.PRESSURE),
+    Odometry: _direct(m.ODOMETRY),
+    Bearing: _direct(m.BEARING),
+    Position: _direct(m.POSITION),
+    Imu: _direct(m.IMU),
+    BodyVelocity: _direct(m.BODY_VELOCITY),
+    Point: _direct(m.POINT),
+    Pressure: _direct(m.PRESSURE),
     Scalar: Codec("std_msgs/msg/Float64", m.scalar_to, m.scalar_from),
-    HydrophoneInfo: _record(HydrophoneInfo, "HydrophoneInfo", single=True),
-    Samples: _record(Samples, "HydrophoneSample"),
-    Particles: _record(Particles, "Particle"),
-    NodePositions: _record(NodePositions, "NodePosition"),
-    Arrivals: _record(Arrivals, "Arrival"),
-    ArrivalPaths: _record(ArrivalPaths, "ArrivalPath"),
-    Detections: _record(Detections, "BistaticDetection"),
-    Tracks: _record(Tracks, "Track"),
+    HydrophoneInfo: _direct(RecordForm("HydrophoneInfo", HydrophoneInfo, single=True)),
+    Samples: _direct(RecordForm("HydrophoneSample", Samples)),
+    Particles: _direct(RecordForm("Particle", Particles)),
+    NodePositions: _direct(RecordForm("NodePosition", NodePositions)),
+    Arrivals: _direct(RecordForm("Arrival", Arrivals)),
+    ArrivalPaths: _direct(RecordForm("ArrivalPath", ArrivalPaths)),
+    Detections: _direct(RecordForm("BistaticDetection", Detections)),
+    Tracks: _direct(RecordForm("Track", Tracks)),
 }

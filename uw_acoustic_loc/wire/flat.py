@@ -54,6 +54,10 @@ class FlatForm:
     restore: Callable[[Flat], Any]
     names: tuple[str, ...] = ()  # fields between header and numbers
 
+    @property
+    def msgtype(self) -> str:
+        return self.body.msgtype
+
     @cached_property
     def size(self) -> int:
         """How many numbers the message has."""
@@ -64,7 +68,7 @@ class FlatForm:
         flat = self.flatten(value)
         names = dict(zip(self.names, flat.names[1:], strict=True))
         fields = _fields(make, self.body, flat.values)
-        return make(self.body.msgtype, header=header(make, flat.t_ns, flat.names[0]), **names, **fields)
+        return make(self.msgtype, header=header(make, flat.t_ns, flat.names[0]), **names, **fields)
 
     def decode(self, msg: Any, _received_ns: int = 0) -> Any:
         """From a message."""

@@ -18,6 +18,8 @@ from ..core.types import AnyArray
 from ..resources import resource
 from .flat import Make, header, stamp_ns
 
+RECORD = "sensor_msgs/msg/PointCloud2"
+
 # PointField.datatype of each numpy type
 _DATATYPES = {"int8": 1, "uint8": 2, "int16": 3, "uint16": 4, "int32": 5, "uint32": 6, "float32": 7, "float64": 8}
 _NUMPY = {code: np.dtype(name) for name, code in _DATATYPES.items()}
@@ -55,7 +57,7 @@ def record_to(make: Make, name: str, value: Any) -> Any:
     """sensor_msgs/PointCloud2 rows of the record `name` from a core type with one array (or number) per column."""
     rows = rows_of(name, value)
     return make(
-        "sensor_msgs/msg/PointCloud2",
+        RECORD,
         header=header(make, value.t_ns, value.frame_id),
         height=1,
         width=len(rows),
@@ -110,9 +112,9 @@ def _packed_type(name: str, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any]:
 @cache
 def row_types(name: str) -> list[np.dtype[Any]]:
     """Rows with the columns' declared types, and with those that may take their place."""
-    also = _ALSO.get(name, {})
-    plans = [dict(layout(name).columns), {column: also.get(kind, kind) for column, kind in layout(name).columns}]
-    return [np.dtype([*plan.items()]) for plan in plans[: 1 + bool(also)]]
+    allowed = [(column, layout(name).allowed(kind)) for column, kind in layout(name).columns]
+    count = max(len(kinds) for _, kinds in allowed)
+    return [np.dtype([(column, kinds[min(k, len(kinds) - 1)]) for column, kinds in allowed]) for k in range(count)]
 
 
 @lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .flat import LENGTH, LITTLE_ENDIAN, SECOND, STAMP, Make, aligned_string, checked_stamp
-from .record import fields, record_from, record_to, row_types, rows_of, value_of
+from .record import RECORD, fields, record_from, record_to, row_types, rows_of, value_of
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,10 @@ class RecordForm:
     name: str
     kind: type
     single: bool = False
+
+    @property
+    def msgtype(self) -> str:
+        return RECORD
 
     def encode(self, make: Make, value: Any) -> Any:
         """The message."""
@@ -51,7 +55,8 @@ class RecordForm:
         """Stamp, frame and rows."""
         encapsulation, sec, nanosec = STAMP.unpack_from(data)
         (length,) = LENGTH.unpack_from(data, STAMP.size)
-        frame_id = data[STAMP.size + LENGTH.size :][: length - 1].decode()
+        at = STAMP.size + LENGTH.size
+        frame_id = data[at : at + length - 1].decode()
         begin = _begin(frame_id)
         at = STAMP.size + len(begin)
         if encapsulation != LITTLE_ENDIAN or not data.startswith(begin, STAMP.size):
