@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_acoustic_loc.bag.types import BagMake, serialize
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, serialize
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.core.geometry import angle_from_tdoa, quat_from_yaw
 from uw_acoustic_loc.core.types import Bearing, Odometry

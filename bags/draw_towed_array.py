@@ -14,8 +14,8 @@ import numpy as np
 
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.cli.plot import BLUE, GREEN, RED, TRUTH, canvas, ellipse, legend_below, picture, plan, style
-from uw_acoustic_loc.cli.recording import Recording, load
+from uw_acoustic_loc.evaluation.plot import BLUE, GREEN, RED, TRUTH, canvas, ellipse, legend_below, picture, plan, style
+from uw_acoustic_loc.evaluation.recording import Recording, load
 from uw_acoustic_loc.graph import load_graph
 
 HOME = Path(__file__).parents[1]

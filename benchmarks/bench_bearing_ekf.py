@@ -21,9 +21,9 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.bearing_ekf import single_start
-from uw_acoustic_loc.core.log_polar import corrected, seen_from
-from uw_acoustic_loc.core.triangulation import Drift, Ray
+from uw_acoustic_loc.core.localizer.bearing_ekf import single_start
+from uw_acoustic_loc.core.localizer.log_polar import corrected, seen_from
+from uw_acoustic_loc.core.localizer.triangulation import Drift, Ray
 
 STEPS, RUNS, FEW, STD = 200, 1000, 20, math.radians(2.0)
 SOURCE, GUESS, SPREAD = 10 + 53j, 20 + 60j, 15.0  # m

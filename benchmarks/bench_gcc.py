@@ -20,7 +20,7 @@ import numpy as np
 from scipy import fft, signal
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.gcc import BandSplitter, Correlator, Piece
+from uw_acoustic_loc.core.bearing.gcc import BandSplitter, Correlator, Piece
 
 RATE, N, PULSE, MAX_LAG = 100e3, 10_000, 0.01, 0.6 / 1500.0
 BANDS = ((18e3, 24e3), (26e3, 32e3), (34e3, 40e3))

@@ -21,8 +21,8 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.mooring_model import MooringConfig, step_of
-from uw_acoustic_loc.core.mooring_particles import ParticleMooring
+from uw_acoustic_loc.core.mooring.model import MooringConfig, step_of
+from uw_acoustic_loc.core.mooring.particles import ParticleMooring
 
 COUNT, STEPS, RUNS = 100, 20, 500  # RUNS of ours and of the normals in one call
 PEER_RUNS = 200  # for the errors

@@ -22,16 +22,16 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import decode
+from uw_acoustic_loc.bag.rosbags_messages import decode
 from uw_acoustic_loc.core.types import Array, Bearing, HydrophoneInfo
 from uw_acoustic_loc.graph import Graph, load_graph
+from uw_acoustic_loc.resolved_graph import wire_stage
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.ros.command_line import LEAD_S
 from uw_acoustic_loc.ros.launcher import Launcher, Run
 from uw_acoustic_loc.ros.sync import Reports
 from uw_acoustic_loc.sim.catalog import SOURCES
 from uw_acoustic_loc.stages.catalog import STAGES
-from uw_acoustic_loc.wiring import wire_stage
 
 SECONDS = 30.0
 SETTLED_S = 3.0  # of the scenario, before processor time counts

@@ -21,9 +21,9 @@ import numpy as np
 from scipy.optimize import least_squares, leastsq
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.multistatic import Net, Noise, gaussian_likelihood, locate
-from uw_acoustic_loc.core.multistatic_bound import cramer_rao, position_error
-from uw_acoustic_loc.core.multistatic_start import closed_form
+from uw_acoustic_loc.core.multistatic.bound import cramer_rao, position_error
+from uw_acoustic_loc.core.multistatic.estimator import Net, Noise, gaussian_likelihood, locate
+from uw_acoustic_loc.core.multistatic.start import closed_form
 
 RANGE_STD, BEARING_STD = 40.0, 0.02
 DISTANCE, PEERS = 2000.0, 200  # m; targets that the peers are judged by

@@ -20,7 +20,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.bearing_filter import ParticleFilter, PeakLikelihood
+from uw_acoustic_loc.core.bearing.filters import ParticleFilter, PeakLikelihood
 from uw_acoustic_loc.core.geometry import tdoa_of_points
 
 COUNT, STEPS, RANGE = 2000, 400, 60.0

@@ -17,9 +17,9 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.inertial import GYRO_BIAS, SIZE, VELOCITY, YAW, moved
-from uw_acoustic_loc.core.joint import Joint, Slot
-from uw_acoustic_loc.core.triangulation import Fix
+from uw_acoustic_loc.core.localizer.triangulation import Fix
+from uw_acoustic_loc.core.slam.inertial import GYRO_BIAS, SIZE, VELOCITY, YAW, moved
+from uw_acoustic_loc.core.slam.joint import Joint, Slot
 
 GOALS = {5: 0.0, 50: 10.0, 100: 30.0, 200: 50.0}  # times faster, by number of pingers
 PASSES = 2.5  # over P that ours may take with 200

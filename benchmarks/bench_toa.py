@@ -18,11 +18,11 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.cli.studies import toa_trials as trials
-from uw_acoustic_loc.core.toa import ToaTracker
-from uw_acoustic_loc.core.toa_batch import ToaBatch
-from uw_acoustic_loc.core.toa_model import arrival_times, motion, predict, process_noise
-from uw_acoustic_loc.core.toa_update import absorb
+from uw_acoustic_loc.core.toa.model import arrival_times, motion, predict, process_noise
+from uw_acoustic_loc.core.toa.tracker import ToaTracker
+from uw_acoustic_loc.core.toa.update import absorb
+from uw_acoustic_loc.studies.toa import trials
+from uw_acoustic_loc.studies.toa.batch import ToaBatch
 
 RUNS, TRIALS, STD, DT = 1000, 20, trials.STD, trials.DT
 VARIANT = trials.VARIANTS["nominal"]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from uw_acoustic_loc.cli.check import load_expected
 from uw_acoustic_loc.cli.main import _parser
+from uw_acoustic_loc.evaluation.check import load_expected
 
 REPO = Path(__file__).parents[1]
 BLOCKS = re.findall(r"```yaml\n(.*?)```", (REPO / "docs" / "ci.md").read_text(), re.DOTALL)

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from uw_acoustic_loc.graph import load_graph
+from uw_acoustic_loc.resolved_graph import upstream_first, wire
 from uw_acoustic_loc.resources import resource
-from uw_acoustic_loc.wiring import upstream_first, wire
 
 
 def write(folder: Path, graph: str, params: str = "") -> Path:

@@ -22,15 +22,19 @@ BELOW = {
     "wire": {"wire", "core", "resources"},
     "stages": {"stages", "core", "config", "contract"},
     "graph": {"graph", "config", "yaml_file"},
-    "wiring": {"wiring", "graph", "sim", "stages", "core", "config", "contract"},
-    "bag": {"bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract", "yaml_file"},
-    "ros": {"ros", "bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract"},
+    "resolved_graph": {"resolved_graph", "graph", "sim", "stages", "core", "config", "contract"},
+    "bag": {"bag", "resolved_graph", "graph", "sim", "stages", "wire", "core", "config", "contract", "yaml_file"},
+    "ros": {"ros", "bag", "resolved_graph", "graph", "sim", "stages", "wire", "core", "config", "contract"},
+    "evaluation": {"evaluation", "bag", "stages", "sim", "wire", "core", "config", "contract", "yaml_file"},
+    "planning": {"planning", "evaluation", "sim", "core", "config"},
+    "studies": {"studies", "evaluation", "planning", "sim", "core", "config", "resources"},
     "cli": {
-        *("cli", "ros", "bag", "wiring", "graph", "sim", "stages", "wire", "core", "config", "contract", "resources"),
-        "yaml_file",
+        *("cli", "studies", "planning", "evaluation", "ros", "bag", "graph", "sim", "stages", "core", "config"),
+        *("resources", "yaml_file"),
     },
 }
-OUTSIDE = {
+PLOTS = {"numpy", "scipy", "rich", "matplotlib"}
+OUTSIDE: dict[str, set[str]] = {
     "core": {"numpy", "scipy"},
     "config": set(),
     "contract": set(),
@@ -38,8 +42,13 @@ OUTSIDE = {
     "wire": {"numpy"},
     "sim": {"numpy", "scipy"},
     "bag": {"numpy", "scipy", "yaml", "lz4", "mcap", "zstandard", "rosbags"},
-    "cli": {"numpy", "scipy", "yaml", "rich", "matplotlib"},
+    "evaluation": {*PLOTS, "yaml"},
+    "planning": PLOTS,
+    "studies": PLOTS,
+    "cli": {"yaml", "rich"},
 }
+# an estimator of core -> the other estimators that it imports
+ESTIMATORS = {"slam": {"localizer"}}
 
 
 def imports(module: Path) -> set[str]:
@@ -76,3 +85,45 @@ def test_a_module_imports_only_from_layers_below(module: Path) -> None:
 def test_only_ros_imports_rclpy() -> None:
     users = {m.relative_to(PACKAGE).parts[0] for m in MODULES if any(n.startswith("rclpy") for n in imports(m))}
     assert users == {"ros"}
+
+
+def test_an_estimator_of_core_imports_another_only_where_the_table_says_so() -> None:
+    for folder in sorted(path for path in (PACKAGE / "core").iterdir() if (path / "__init__.py").exists()):
+        names = {name for module in folder.glob("*.py") for name in imports(module)}
+        others = {name.split(".")[2] for name in names if name.startswith("uw_acoustic_loc.core.")} - {folder.name}
+        estimators = {other for other in others if (PACKAGE / "core" / other).is_dir()}
+        assert estimators == ESTIMATORS.get(folder.name, set()), f"core/{folder.name} imports core/{estimators}"
+
+
+def test_no_folder_has_more_than_sixteen_files() -> None:
+    counts = {folder: len(list(folder.glob("*.py"))) for folder in PACKAGE.rglob("*") if folder.is_dir()}
+    assert {folder.name: count for folder, count in counts.items() if count > 16} == {}
+
+
+def test_there_is_no_import_circle() -> None:
+    """Counting those under TYPE_CHECKING, in functions, and by import_module with a name in the code."""
+    graph = {dotted(module): uses(module) for module in MODULES}
+    while leaves := [name for name, used in graph.items() if not used & graph.keys()]:
+        for leaf in leaves:
+            del graph[leaf]
+    assert not graph, f"modules in or above a circle: {sorted(graph)}"
+
+
+def dotted(module: Path) -> str:
+    parts = ["uw_acoustic_loc", *module.relative_to(PACKAGE).with_suffix("").parts]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def uses(module: Path) -> set[str]:
+    """Modules of the package that a module imports; `from package import module` counts as the module."""
+    known = {dotted(m) for m in MODULES}
+    package = ["uw_acoustic_loc", *module.relative_to(PACKAGE).parts[:-1]]
+    found = set()
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            stem = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {f"{stem}.{a.name}" if f"{stem}.{a.name}" in known else stem for a in node.names}
+    return (found & known) - {dotted(module), "uw_acoustic_loc"}

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from uw_acoustic_loc.bag.types import STORE, BagMake, definition, serialize
+from uw_acoustic_loc.bag.rosbags_messages import STORE, BagMake, definition, serialize
 from uw_acoustic_loc.core.types import Point
 from uw_acoustic_loc.wire.codec import codec
 

@@ -11,8 +11,8 @@ import pytest
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.simulate import simulate
-from uw_acoustic_loc.cli.errors import Errors, source_errors, vehicle_errors
-from uw_acoustic_loc.cli.recording import load
+from uw_acoustic_loc.evaluation.errors import Errors, source_errors, vehicle_errors
+from uw_acoustic_loc.evaluation.recording import load
 from uw_acoustic_loc.graph import load_graph
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.sim.scenario import load_scenario

@@ -7,7 +7,7 @@ import pytest
 
 from uw_acoustic_loc.bag.fingerprint import Fingerprint, fingerprints, overall
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import BagMake, serialize
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, serialize
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.cli.main import main
 from uw_acoustic_loc.core.types import Point, Scalar

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from uw_acoustic_loc.bag.types import encode
+from uw_acoustic_loc.bag.rosbags_messages import encode
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.core.types import HydrophoneInfo, Samples
 

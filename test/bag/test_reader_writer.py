@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 
 from uw_acoustic_loc import __version__
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import BagMake, serialize
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, serialize
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.core.types import Point
 from uw_acoustic_loc.wire.codec import codec

@@ -9,8 +9,8 @@ import pytest
 from uw_acoustic_loc.bag.pipeline import Pipeline
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
+from uw_acoustic_loc.bag.rosbags_messages import decode
 from uw_acoustic_loc.bag.simulate import simulate
-from uw_acoustic_loc.bag.types import decode
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.graph import Graph, load_graph
 from uw_acoustic_loc.resources import resource

@@ -8,7 +8,7 @@ from scipy.io import wavfile
 
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import deserialize
+from uw_acoustic_loc.bag.rosbags_messages import deserialize
 from uw_acoustic_loc.bag.wav import WavSetup, convert_wav
 from uw_acoustic_loc.cli.main import main
 from uw_acoustic_loc.core.types import Bearing, HydrophoneInfo, Samples

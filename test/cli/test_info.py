@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from known_run import START_NS, dead_reckoning, everything, t_ns, write_bag
 
 from test.bag.foreign import VARIANTS, write_mcap
+from test.known_run import START_NS, dead_reckoning, everything, t_ns, write_bag
 from uw_acoustic_loc.bag.reader import Bag
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, serialize
 from uw_acoustic_loc.bag.survey import survey
-from uw_acoustic_loc.bag.types import BagMake, serialize
 from uw_acoustic_loc.bag.usable import uses
 from uw_acoustic_loc.cli.main import main
 from uw_acoustic_loc.core.types import Bearing, BodyVelocity, Imu, Odometry, Point

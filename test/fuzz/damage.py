@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from uw_acoustic_loc.bag.types import BagMake
+from uw_acoustic_loc.bag.rosbags_messages import BagMake
 
 NUMBERS = [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e-300, 1e300, -1e300, 1e9, -1e9, 1e5]
 STAMPS = [(0, 0), (-5, 0), (1, 0), (2**31 - 1, 999_999_999), (0, 4_294_967_295)]  # s, ns

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from test.fuzz.damage import HARM, harmed
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import deserialize
+from uw_acoustic_loc.bag.rosbags_messages import deserialize
 from uw_acoustic_loc.core.types import Arrivals, Detections, HydrophoneInfo, Imu, NodePositions, Odometry, Samples
 from uw_acoustic_loc.wire.codec import codec
 

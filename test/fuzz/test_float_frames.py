@@ -12,13 +12,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import BagMake, decode
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, decode
 from uw_acoustic_loc.core.types import HydrophoneInfo, Samples
 from uw_acoustic_loc.graph import load_graph
+from uw_acoustic_loc.resolved_graph import wire_stage
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.stages.bearing import BearingStage
 from uw_acoustic_loc.wire.codec import codec
-from uw_acoustic_loc.wiring import wire_stage
 
 from .test_stages import BAG, check
 

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from test.fuzz.damage import HARM, harmed
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import BagMake, deserialize
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, deserialize
 from uw_acoustic_loc.graph import load_graph
+from uw_acoustic_loc.resolved_graph import StageWiring, wire_stage
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.stages.catalog import STAGES
 from uw_acoustic_loc.stages.runner import Refusal, Runner
 from uw_acoustic_loc.wire.codec import codec
-from uw_acoustic_loc.wiring import StageWiring, wire_stage
 
 BAG = Path(__file__).parents[2] / "bags" / "harbour"
 LONGEST = {"bearing": 60, "bearing_slam": 300}  # messages

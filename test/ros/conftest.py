@@ -19,8 +19,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uw_acoustic_loc.ros.processes import SharedMemory
+from uw_acoustic_loc.ros.rclpy_messages import RosMake, message_class, qos
 from uw_acoustic_loc.ros.sync import SyncClient, call
-from uw_acoustic_loc.ros.types import RosMake, message_class, qos
 from uw_acoustic_loc.wire.codec import codec
 
 WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 
 from test.ros.conftest import Bench
 from uw_acoustic_loc.core.types import Bearing, HydrophoneInfo, Samples
-from uw_acoustic_loc.ros.types import RosMake
+from uw_acoustic_loc.ros.rclpy_messages import RosMake
 from uw_acoustic_loc.wire.codec import codec
 
 RATE, SPACING, SPEED = 100_000.0, 0.6, 1500.0

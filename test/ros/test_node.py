@@ -12,7 +12,7 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 
 from test.ros.conftest import LIMIT_S, Bench
 from uw_acoustic_loc.core.types import Odometry, Point
-from uw_acoustic_loc.ros.types import RosMake
+from uw_acoustic_loc.ros.rclpy_messages import RosMake
 from uw_acoustic_loc.wire.codec import codec
 
 SECOND = 1_000_000_000

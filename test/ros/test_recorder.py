@@ -14,7 +14,7 @@ import pytest
 
 from test.ros.conftest import LIMIT_S, Bench, uwloc
 from uw_acoustic_loc.bag.reader import Bag
-from uw_acoustic_loc.bag.types import deserialize
+from uw_acoustic_loc.bag.rosbags_messages import deserialize
 from uw_acoustic_loc.core.types import Point
 
 TOPIC = "topics:=[/p geometry_msgs/msg/PointStamped]"

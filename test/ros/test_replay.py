@@ -14,7 +14,7 @@ from test.ros.conftest import uwloc
 from uw_acoustic_loc.bag.fingerprint import fingerprints
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.remap import RemappedBag
-from uw_acoustic_loc.bag.types import deserialize
+from uw_acoustic_loc.bag.rosbags_messages import deserialize
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.ros import sync

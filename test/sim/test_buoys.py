@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.mooring import discretise
+from uw_acoustic_loc.core.mooring.estimator import discretise
 from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Scalar
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Buoys, Environment, Impulses, Mooring, Node, Scenario, Vehicle, Waypoint

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.multistatic import Noise
+from uw_acoustic_loc.core.multistatic.estimator import Noise
 from uw_acoustic_loc.core.types import NodePositions
 from uw_acoustic_loc.sim.environment import SoundSpeed
 from uw_acoustic_loc.sim.scenario import Impulses, Node, Scenario, Sonar, Target, Turn, load_scenario

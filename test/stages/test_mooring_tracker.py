@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.contract import Status
-from uw_acoustic_loc.core.mooring import MooringConfig
+from uw_acoustic_loc.core.mooring.estimator import MooringConfig
 from uw_acoustic_loc.core.types import Odometry, Point
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Scenario, load_scenario

@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.multistatic import METHODS
-from uw_acoustic_loc.core.multistatic_fusion import MultistaticConfig
+from uw_acoustic_loc.core.multistatic.estimator import METHODS
+from uw_acoustic_loc.core.multistatic.fusion import MultistaticConfig
 from uw_acoustic_loc.sim.scenario import Target, Turn, load_scenario
 from uw_acoustic_loc.sim.sonar import SonarSource
 from uw_acoustic_loc.stages.multistatic_fusion import MultistaticFusionStage

@@ -5,7 +5,7 @@ import pytest
 
 from uw_acoustic_loc.config import build
 from uw_acoustic_loc.contract import Status
-from uw_acoustic_loc.core.multistatic_fusion import MultistaticConfig
+from uw_acoustic_loc.core.multistatic.fusion import MultistaticConfig
 from uw_acoustic_loc.core.types import Detections, NodePositions
 from uw_acoustic_loc.stages.multistatic_fusion import MultistaticFusionStage
 

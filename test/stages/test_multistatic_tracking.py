@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.multistatic import Net, Noise
-from uw_acoustic_loc.core.multistatic_fusion import MultistaticConfig
+from uw_acoustic_loc.core.multistatic.estimator import Net, Noise
+from uw_acoustic_loc.core.multistatic.fusion import MultistaticConfig
 from uw_acoustic_loc.core.types import Detections, NodePositions
 from uw_acoustic_loc.stages.multistatic_fusion import MultistaticFusionStage
 

@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.cli.studies.slam_trials import SCENARIO, STD
 from uw_acoustic_loc.contract import Status
-from uw_acoustic_loc.core.slam import SlamConfig
+from uw_acoustic_loc.core.slam.filter import SlamConfig
 from uw_acoustic_loc.core.types import BodyVelocity, Imu
-from uw_acoustic_loc.sim.bearings import bearings
 from uw_acoustic_loc.sim.trajectory import Trajectory
 from uw_acoustic_loc.sim.vehicle import VehicleSource
 from uw_acoustic_loc.stages.bearing_slam import BearingSlamStage
 from uw_acoustic_loc.stages.runner import Refusal, Runner
+from uw_acoustic_loc.studies.slam.bearings import bearings
+from uw_acoustic_loc.studies.slam.trials import SCENARIO, STD
 
 IDS = tuple(p.id for p in SCENARIO.pingers)
 Event = tuple[int, str, object]

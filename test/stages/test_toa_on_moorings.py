@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.config import build
-from uw_acoustic_loc.core.mooring_model import MooringConfig
-from uw_acoustic_loc.core.toa import ToaConfig
+from uw_acoustic_loc.core.mooring.model import MooringConfig
+from uw_acoustic_loc.core.toa.tracker import ToaConfig
 from uw_acoustic_loc.core.types import Odometry
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Mooring, Scenario, load_scenario

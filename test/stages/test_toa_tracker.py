@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.contract import Emission, Status
-from uw_acoustic_loc.core.toa import ToaConfig
+from uw_acoustic_loc.core.toa.tracker import ToaConfig
 from uw_acoustic_loc.core.types import Arrivals, NodePositions, Odometry, Pressure, Scalar
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Scenario, load_scenario

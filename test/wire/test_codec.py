@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from uw_acoustic_loc.bag.types import BagMake, deserialize, serialize
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, deserialize, serialize
 from uw_acoustic_loc.core import types as t
 from uw_acoustic_loc.core.geometry import quat_from_rpy
-from uw_acoustic_loc.ros.types import RosMake, message_class
+from uw_acoustic_loc.ros.rclpy_messages import RosMake, message_class
 from uw_acoustic_loc.wire.codec import codec
 from uw_acoustic_loc.wire.record import layout
 

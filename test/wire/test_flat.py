@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from test.wire.test_codec import T_NS, VALUES, assert_same
-from uw_acoustic_loc.bag.types import BagMake, decode, deserialize, encode, serialize
+from uw_acoustic_loc.bag.rosbags_messages import BagMake, decode, deserialize, encode, serialize
 from uw_acoustic_loc.core import types as t
 from uw_acoustic_loc.wire.codec import codec
 

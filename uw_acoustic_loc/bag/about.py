@@ -6,8 +6,8 @@ import dataclasses
 import json
 from collections.abc import Iterable
 
+from ..resolved_graph import Wiring
 from ..sim.scenario import Scenario
-from ..wiring import Wiring
 
 
 def about_scenario(scenario: Scenario) -> dict[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from .reader import Bag, Record
-from .types import STORE, deserialize, serialize
+from .rosbags_messages import STORE, deserialize, serialize
 
 # by the timers and clocks of a live run: how many there are is nobody's result
 TIMER_DRIVEN = ("/clock", "/diagnostics", "/parameter_events", "/rosout")

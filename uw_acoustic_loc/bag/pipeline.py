@@ -15,10 +15,10 @@ from typing import Any
 
 from ..contract import Emission, Output
 from ..graph import Graph
+from ..resolved_graph import StageWiring, upstream_first, wire_stage
 from ..stages.catalog import STAGES
 from ..stages.runner import Refusal, Runner
-from ..wiring import StageWiring, upstream_first, wire_stage
-from .types import decode, encode
+from .rosbags_messages import decode, encode
 
 Publish = Callable[[int, str, bytes], None]  # log time, full topic name, CDR
 Message = tuple[int, str, Any]  # log time, topic, core value

@@ -9,14 +9,14 @@ from operator import itemgetter
 from pathlib import Path
 
 from ..graph import Graph
+from ..resolved_graph import wire
 from ..stages.runner import Refusal
 from ..wire.codec import codec
-from ..wiring import wire
 from .about import about_graph
 from .pipeline import Message, Pipeline
 from .reader import Bag, Record
 from .remap import RemappedBag
-from .types import decode
+from .rosbags_messages import decode
 from .writer import BagWriter
 
 

@@ -17,10 +17,10 @@ import yaml
 import zstandard
 
 from ..yaml_file import YAML_LOADER
-from .mcap_file import MAGIC, McapFile
-from .sqlite_file import MAGIC as SQLITE_MAGIC
-from .sqlite_file import SqliteFile
-from .stored import ZSTD_MAGIC, Damage, Record, Topic
+from .storage.mcap_file import MAGIC, McapFile
+from .storage.sqlite_file import MAGIC as SQLITE_MAGIC
+from .storage.sqlite_file import SqliteFile
+from .storage.stored import ZSTD_MAGIC, Damage, Record, Topic
 
 __all__ = ["Bag", "Record", "Topic"]
 

@@ -11,7 +11,7 @@ from ..sim.catalog import SOURCES, make_source
 from ..sim.scenario import Scenario
 from ..wire.codec import codec
 from .about import about_scenario
-from .types import encode
+from .rosbags_messages import encode
 from .writer import BagWriter
 
 # Where the drivers of a scenario live: the vehicle's own topics under its name.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .reader import Bag, Record, Topic
-from .types import STORE
+from .rosbags_messages import STORE
 
 _GAP = 5.0  # median intervals between two messages make a gap
 _FEW = 5  # intervals, below which a median says nothing

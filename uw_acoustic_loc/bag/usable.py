@@ -12,8 +12,8 @@ from ..config import build
 from ..contract import Input, Stage
 from ..stages.catalog import STAGES, stage_class
 from ..wire.codec import codec
+from .rosbags_messages import deserialize
 from .survey import Survey
-from .types import deserialize
 
 _ANY = "ANY"  # stands for every id in the topics of a stage
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.types import AnyArray, HydrophoneInfo, Samples
 from ..wire.codec import codec
-from .types import encode
+from .rosbags_messages import encode
 from .writer import BagWriter
 
 _COUNTS = 32767

@@ -17,7 +17,7 @@ from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from .. import __version__
-from .types import definition
+from .rosbags_messages import definition
 
 _ROS_DISTRO = "jazzy"
 

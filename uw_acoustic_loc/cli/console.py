@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -46,6 +46,13 @@ def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[
 def wide(columns: int) -> Console:
     """A console for stdout of that width at least: names stay in one piece, for eyes and for grep."""
     return Console(width=max(Console().width, columns))
+
+
+def damage_code(damage: Sequence[str]) -> int:
+    """Says what is wrong with a bag; the exit code that goes with it."""
+    for sentence in damage:
+        print(f"uwloc: {sentence}", file=sys.stderr)
+    return 1 if damage else 0
 
 
 class NodeLog:

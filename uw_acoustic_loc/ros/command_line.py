@@ -12,10 +12,10 @@ from typing import Any
 
 from ..bag.about import about_graph
 from ..graph import GraphNode
+from ..resolved_graph import DriverWiring, Wiring
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
 from ..wire.codec import codec
-from ..wiring import DriverWiring, Wiring
 
 _OURS = (*SOURCES, *STAGES, "recorder", "player")
 LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up

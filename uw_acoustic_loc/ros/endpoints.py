@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 
 from ..contract import Output
 from ..wire.codec import codec
-from .types import message_class, publisher_qos, qos, to_dds
+from .rclpy_messages import message_class, publisher_qos, qos, to_dds
 
 
 class Publishers:

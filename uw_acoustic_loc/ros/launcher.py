@@ -16,14 +16,14 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from ..graph import Graph, GraphNode
+from ..resolved_graph import DriverWiring, Wiring, upstream_first, wire
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
-from ..wiring import DriverWiring, Wiring, upstream_first, wire
 from .command_line import command_line, recorder_node
 from .diagnostics import Diagnostics
 from .processes import USER_ERROR, NodeProcess, SharedMemory
+from .rclpy_messages import clock_message
 from .sync import BooksWatch, PlayerWatch, Reports, SyncClient, behind, missed, outstanding, unmatched
-from .types import clock_message
 
 _READY_S = 60.0  # a loaded machine takes long to start a dozen interpreters
 _DRAIN_S = 30.0

@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.types import Array, Bearing, Odometry, Position, Tracks
 from ..wire.flat import header
-from .types import RosMake
+from .rclpy_messages import RosMake
 
 _MAKE = RosMake()
 _PERIOD_S = 0.5  # real time between two drawings

@@ -15,8 +15,8 @@ from .diagnostics import Diagnostics, InputWatch
 from .endpoints import Publishers, Subscriptions, SyncService
 from .markers import Markers
 from .parameters import declare, given_parameters, on_change
+from .rclpy_messages import from_dds
 from .spin import Stop
-from .types import from_dds
 
 
 class StageNode:

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..config import build, limits_of
-from ..wiring import OF_RCLPY
+from ..resolved_graph import OF_RCLPY
 
 
 def given_parameters(node: Node) -> dict[str, Any]:

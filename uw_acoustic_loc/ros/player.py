@@ -24,9 +24,9 @@ from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
 from .endpoints import SyncService
 from .parameters import declare, given_parameters
+from .rclpy_messages import clock_message, message_class, qos
 from .spin import Stop
 from .sync import Reports, SyncClient, outstanding, unmatched
-from .types import clock_message, message_class, qos
 
 _WINDOW = 200  # messages outstanding at most: well below the readers' depth
 _WINDOW_NS = 250_000_000  # and no more of the bag's time: half of what inputs wait for each other

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from ..bag.reader import Bag
 from ..bag.remap import RemappedBag, remaps
 from ..graph import Graph, GraphNode
+from ..resolved_graph import upstream_first, wire
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
-from ..wiring import upstream_first, wire
 from .sync import Reports
 
 

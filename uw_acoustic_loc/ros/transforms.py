@@ -14,7 +14,7 @@ except ImportError:  # not on PyPI, but on every ROS machine
 
 from ..core.types import Odometry
 from ..wire.messages import ODOMETRY
-from .types import RosMake
+from .rclpy_messages import RosMake
 
 
 class Transforms:

@@ -11,8 +11,8 @@ import numpy as np
 from ..contract import Event, Output
 from ..core.geometry import quat_from_yaw
 from ..core.impulsive import AlphaStable, ImpulsiveNoise
-from ..core.mooring import discretise
-from ..core.toa_paths import make_net
+from ..core.mooring.estimator import discretise
+from ..core.toa.paths import make_net
 from ..core.types import AnyArray, Array, Arrivals, NodePositions, Odometry, Point, Scalar
 from .environment import SoundSpeed
 from .rays import LinearProfile

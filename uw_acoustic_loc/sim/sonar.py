@@ -11,7 +11,7 @@ import numpy as np
 
 from ..contract import Event, Output
 from ..core.geometry import wrap_angles
-from ..core.multistatic import Noise
+from ..core.multistatic.estimator import Noise
 from ..core.types import Array, Detections, NodePositions, Tracks
 from .environment import SoundSpeed
 from .scenario import Node, Scenario, Sonar

@@ -10,12 +10,12 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
-from ..core.bearing_ekf_moving import MovingBearingEkf
-from ..core.bearing_particles import BearingParticles
-from ..core.localizer import LocalizerConfig, SourceLocalizer
-from ..core.reckoning import Reckoning
-from ..core.triangulation import Fix
-from ..core.turn_advice import advice
+from ..core.localizer.bearing_ekf_moving import MovingBearingEkf
+from ..core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from ..core.localizer.particles import BearingParticles
+from ..core.localizer.reckoning import Reckoning
+from ..core.localizer.triangulation import Fix
+from ..core.localizer.turn_advice import advice
 from ..core.types import Array, Bearing, Odometry, Particles, Position
 
 

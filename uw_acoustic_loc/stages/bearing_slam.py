@@ -11,9 +11,9 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Status
 from ..core.geometry import quat_from_rpy
-from ..core.inertial import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, YAW
-from ..core.slam import Slam, SlamConfig
-from ..core.slam_passes import SlamPasses
+from ..core.slam.filter import Slam, SlamConfig
+from ..core.slam.inertial import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, YAW
+from ..core.slam.relinearise import SlamPasses
 from ..core.types import Array, Bearing, BodyVelocity, Imu, Odometry, Position
 
 

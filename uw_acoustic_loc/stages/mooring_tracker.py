@@ -11,8 +11,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
-from ..core.mooring import MooringConfig, MooringEstimate, ParticleMooring, make_filter, step_of
-from ..core.noise_learning import LearntNoise
+from ..core.mooring.estimator import MooringConfig, MooringEstimate, ParticleMooring, make_filter, step_of
+from ..core.mooring.noise_learning import LearntNoise
 from ..core.types import Array, Odometry, Point
 
 UNKNOWN_VARIANCE = 1e6  # of everything but the offset and its velocity

@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
-from ..core.multistatic import Net
-from ..core.multistatic_fusion import Echoes, Fix, Fusion, MultistaticConfig, Ping
-from ..core.track import Track, Tracker
+from ..core.multistatic.estimator import Net
+from ..core.multistatic.fusion import Echoes, Fix, Fusion, MultistaticConfig, Ping
+from ..core.multistatic.track import Track, Tracker
 from ..core.types import AnyArray, Array, Detections, NodePositions, Position, Tracks
 
 

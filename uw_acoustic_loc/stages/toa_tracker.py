@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
-from ..core.toa import ToaConfig, ToaEstimate, ToaTracker
-from ..core.toa_model import STATES, height_from_pressure
-from ..core.toa_paths import Net, make_net
+from ..core.toa.model import STATES, height_from_pressure
+from ..core.toa.paths import Net, make_net
+from ..core.toa.tracker import ToaConfig, ToaEstimate, ToaTracker
 from ..core.types import Array, ArrivalPaths, Arrivals, NodePositions, Odometry, Pressure, Scalar
 
 UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of

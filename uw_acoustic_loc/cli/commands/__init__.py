@@ -1,0 +1,1 @@
+"""One module per command: HELP, `add` for its arguments, `run` for what it does. Heavy imports stand inside `run`."""

@@ -1,0 +1,33 @@
+"""`uwloc launch`: the live graph, a process per node."""
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from ..console import NodeLog, progress
+
+HELP = "start the nodes of a graph, one process each"
+
+
+def add(parser: ArgumentParser) -> None:
+    """Declares the arguments."""
+    parser.add_argument("graph", type=Path, metavar="GRAPH.yaml")
+    parser.add_argument("--record", type=Path, metavar="BAG", help="record all outputs into a new bag")
+    parser.add_argument("--duration", type=float, default=0.0, metavar="S", help="stop after S seconds of the clock")
+
+
+def run(options: Namespace) -> int:
+    """Starts a graph and stays with it."""
+    return launch_graph(options.graph, options.record, options.duration)
+
+
+def launch_graph(graph: Path, record: Path | None, duration: float) -> int:
+    """Runs a graph file's nodes until the duration is over (0 = until stopped); the exit code."""
+    from ...graph import load_graph
+    from ...ros.launcher import Launcher, Run
+
+    with progress("launch", duration) as bar:
+        run = Run(record=record, duration=duration, progress=bar if duration else None)
+        return Launcher(load_graph(graph), run, NodeLog()).run()

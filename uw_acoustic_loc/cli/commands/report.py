@@ -1,0 +1,29 @@
+"""`uwloc report`: one page about a bag."""
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from ..console import STDERR, damage_code
+
+HELP = "one page with tracks, bearings, errors and rates"
+
+
+def add(parser: ArgumentParser) -> None:
+    """Declares the arguments."""
+    parser.add_argument("bag", type=Path, metavar="BAG")
+    parser.add_argument("-o", "--output", type=Path, default=Path("report.html"))
+
+
+def run(options: Namespace) -> int:
+    """Writes the report of a bag."""
+    from ...evaluation.recording import load
+    from ...evaluation.report import write_report
+    from ...evaluation.score import score
+
+    recording = load(options.bag)
+    write_report(recording, score(recording), options.output)
+    STDERR.print(f"report in {options.output}")
+    return damage_code(recording.damage)

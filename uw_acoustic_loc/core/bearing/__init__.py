@@ -1,0 +1,1 @@
+"""Bearings of pingers from the samples of two hydrophones."""

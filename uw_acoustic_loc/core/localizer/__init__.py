@@ -1,0 +1,1 @@
+"""Where sources are, from bearings and known motion."""

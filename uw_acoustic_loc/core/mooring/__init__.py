@@ -1,0 +1,1 @@
+"""A moored buoy's offset through impulsive noise."""

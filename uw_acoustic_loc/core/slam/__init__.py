@@ -1,0 +1,1 @@
+"""A vehicle and pingers, from inertial data and bearings."""

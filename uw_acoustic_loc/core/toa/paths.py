@@ -1,0 +1,178 @@
+"""Which arrivals can be used, and which path each of them came by: direct, over the seabed, over the surface.
+
+A reflected path is a straight one from the receiver's image (Choi 2025, sec. 2): mirrored at z = -D for a flat seabed
+of depth D, at z = 0 for the surface.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..types import AnyArray, Array, ArrivalPaths, Arrivals
+
+Predictor = Callable[[Array, AnyArray], tuple[Array, Array]]  # images (n, 3), rows (n,) -> times (n,), covariance
+
+
+@dataclass(frozen=True, eq=False)
+class Net:
+    """Receivers and their images."""
+
+    index: dict[int, int]  # row of a receiver's id
+    images: Array  # (4, M, 3) by path (Arrivals.DIRECT, ...) and row; NaN where a path is not modelled
+    sway: Array  # (M,) m^2, variance of each receiver's x
+
+
+@dataclass(frozen=True, eq=False)
+class Epoch:
+    """The usable arrivals of one ping."""
+
+    t_ns: int
+    net: Net  # as it was then
+    receiver: AnyArray  # (n,) row in the net
+    path: AnyArray  # (n,)
+    time: Array  # (n,) s
+    std: Array  # (n,) s
+    height: tuple[float, float, float] | None = None  # z in m, its variance and age in s, if something measures it
+
+    @property
+    def images(self) -> Array:
+        """(n, 3) where the arrivals seem to come to."""
+        return np.asarray(self.net.images[self.path, self.receiver])
+
+    def rows(self, keep: AnyArray | list[int]) -> Epoch:
+        """The arrivals selected by a mask or by indices."""
+        columns = (self.receiver[keep], self.path[keep], self.time[keep], self.std[keep])
+        return Epoch(self.t_ns, self.net, *columns, height=self.height)
+
+
+def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Array | None = None) -> Net:
+    """The net of receivers at `positions` (M, 3); a bottom_depth of 0 leaves out the bottom path.
+
+    `sway` (M,) m^2: how well each x is known, if not exactly.
+
+    Raises:
+        ValueError: no receiver, a repeated id, or a position that is not finite.
+    """
+    index = {int(name): row for row, name in enumerate(ids)}
+    if not index or len(index) < len(ids):
+        raise ValueError(f"receivers must have distinct ids and be at least one, got {list(map(int, ids))}")
+    if positions.shape != (len(index), 3) or not np.all(np.isfinite(positions)):
+        raise ValueError(f"positions must be {(len(index), 3)} finite numbers, got {positions.tolist()}")
+    images = np.full((4, len(index), 3), np.nan)
+    images[Arrivals.DIRECT] = positions
+    if bottom_depth > 0:
+        images[Arrivals.BOTTOM] = positions * [1, 1, -1] - [0, 0, 2 * bottom_depth]
+    below = positions[:, 2] < 0  # at the surface the surface path is the direct one
+    images[Arrivals.SURFACE, below] = positions[below] * [1, 1, -1]
+    return Net(index, images, np.zeros(len(index)) if sway is None else sway)
+
+
+def screen(arrivals: Arrivals, net: Net, max_delay: float = math.inf) -> tuple[Epoch, Counter[str]]:
+    """The usable rows, and how many were refused for which reason; a row is counted once."""
+    receiver = np.array([net.index.get(name, -1) for name in arrivals.receiver.tolist()], dtype=np.intp)
+    path = np.asarray(arrivals.path, dtype=np.intp)
+    time, std = np.asarray(arrivals.time, dtype=float), np.asarray(arrivals.std, dtype=float)
+    known = (path >= 0) & (path <= Arrivals.SURFACE)
+    modelled = known & ((path == 0) | np.isfinite(net.images[np.where(known, path, 0), receiver, 0]))
+    good = np.ones(len(time), dtype=bool)
+    refused: Counter[str] = Counter()
+    for reason, passed in (
+        ("not_finite", np.isfinite(time) & np.isfinite(std)),
+        ("negative_time", time >= 0),
+        ("from_the_future", time <= max_delay),
+        ("std_not_positive", std > 0),
+        ("unknown_receiver", receiver >= 0),
+        ("path_not_modelled", modelled),
+    ):
+        refused[reason] = int(np.count_nonzero(good & ~passed))
+        good &= passed
+    usable = Epoch(arrivals.t_ns, net, receiver, path, time, std).rows(good)
+    epoch = _without_repetitions(usable)
+    refused["repeated"] = len(usable.time) - len(epoch.time)
+    return epoch, +refused
+
+
+def merged(a: Epoch, b: Epoch) -> Epoch:
+    """Two messages of one stamp: the receivers report one by one, or a message has come twice."""
+    receiver, path = np.concatenate([a.receiver, b.receiver]), np.concatenate([a.path, b.path])
+    time, std = np.concatenate([a.time, b.time]), np.concatenate([a.std, b.std])
+    return _without_repetitions(Epoch(a.t_ns, a.net, receiver, path, time, std, height=a.height or b.height))
+
+
+def _without_repetitions(epoch: Epoch) -> Epoch:
+    """Of rows with the same receiver, path and time the first."""
+    keys = list(zip(epoch.receiver.tolist(), epoch.path.tolist(), epoch.time.tolist(), strict=True))
+    if len(set(keys)) == len(keys):
+        return epoch
+    return epoch.rows([keys.index(key) for key in dict.fromkeys(keys)])
+
+
+def ambiguous(epoch: Epoch) -> bool:
+    """Whether a path is unlabelled, or the same one twice at a receiver."""
+    keys = epoch.receiver * 4 + epoch.path
+    return bool((epoch.path == Arrivals.UNKNOWN).any() or len(set(keys.tolist())) < len(keys))
+
+
+def associate_by_order(epoch: Epoch) -> Epoch:
+    """Without a prediction: the earliest unlabelled arrival at a receiver is the direct one, then bottom, surface."""
+    taken: set[tuple[int, int]] = set()
+    path = np.zeros_like(epoch.path)
+    labels, receivers = epoch.path.tolist(), epoch.receiver.tolist()
+    for i in np.lexsort((epoch.time, epoch.path == Arrivals.UNKNOWN)).tolist():  # labelled ones first
+        options = [labels[i]] if labels[i] else _modelled(epoch.net, receivers[i])
+        free = [p for p in options if (receivers[i], p) not in taken]
+        if free:
+            taken.add((receivers[i], free[0]))
+            path[i] = free[0]
+    return replace(epoch, path=path).rows(path > 0)
+
+
+def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> tuple[Epoch, ArrivalPaths]:
+    """The most likely joint assignment at each receiver, an arrival to a path at most once and the other way round.
+
+    The cost is the joint squared Mahalanobis distance, and gate_sigma^2 for each path that gets no arrival; the
+    probability of an assignment is taken as proportional to exp(-cost / 2).
+    """
+    path, probability = np.zeros_like(epoch.path), np.zeros((4, len(epoch.time)))
+    for receiver in set(epoch.receiver.tolist()):
+        rows = np.flatnonzero(epoch.receiver == receiver)
+        paths = _modelled(epoch.net, receiver)
+        times, cov = predictor(epoch.net.images[paths, receiver], np.full(len(paths), receiver))
+        cov[np.diag_indices(len(paths))] += np.square(epoch.std[rows]).mean()
+        chosen, costs = zip(*_assignments(epoch.rows(rows), paths, times, cov, gate_sigma**2), strict=True)
+        weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
+        for assignment, weight in zip(chosen, weights / weights.sum(), strict=True):
+            for p, i in zip(paths, assignment, strict=True):
+                probability[p, rows[i]] += weight if i >= 0 else 0.0
+        for p, i in zip(paths, chosen[int(np.argmin(costs))], strict=True):
+            if i >= 0:
+                path[rows[i]] = p
+    ids = np.array(list(epoch.net.index), np.uint16)[epoch.receiver]
+    believed = ArrivalPaths(epoch.t_ns, ids, epoch.time, *probability[1:].astype(np.float32))
+    return replace(epoch, path=path).rows(path > 0), believed
+
+
+def _modelled(net: Net, receiver: int) -> list[int]:
+    return [p for p in (1, 2, 3) if np.isfinite(net.images[p, receiver, 0])]
+
+
+def _assignments(
+    here: Epoch, paths: list[int], times: Array, cov: Array, miss: float
+) -> Iterator[tuple[tuple[int, ...], float]]:
+    """For each path the arrival that it explains, or -1; and the cost. First that of no arrival at all."""
+    yield (-1,) * len(paths), miss * len(paths)
+    labels = here.path.tolist()
+    options = [[i for i, label in enumerate(labels) if label in (0, p)] for p in paths]
+    for used in itertools.chain.from_iterable(itertools.combinations(range(len(paths)), k + 1) for k in range(3)):
+        information = np.linalg.inv(cov[np.ix_(used, used)])
+        for chosen in itertools.product(*(options[k] for k in used)):
+            if len(set(chosen)) == len(chosen):
+                innovation = here.time[list(chosen)] - times[list(used)]
+                cost = float(innovation @ information @ innovation) + miss * (len(paths) - len(used))
+                yield tuple(dict(zip(used, chosen, strict=True)).get(k, -1) for k in range(len(paths))), cost

@@ -1,0 +1,1 @@
+"""Recordings against the truth: errors, scores, tables, pictures, the report, checks."""

@@ -1,0 +1,168 @@
+"""A bag as series of core values: what each topic is, is told by its name, whatever namespace it stands in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..bag.reader import Bag, Record
+from ..bag.rosbags_messages import decode
+from ..core.types import AnyArray, Bearing, NodePositions, Odometry, Point, Position, Scalar, Tracks
+from ..wire.codec import codec
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """The messages of one topic, in stamp order."""
+
+    topic: str
+    role: str  # what the topic is, one of ROLES
+    space: str  # its namespace, "" = root
+    id: str  # of the source, mooring or true vehicle; "" where there is one only
+    values: list[Any]
+    log_ns: AnyArray  # (n,) int64, when each was recorded
+
+    @property
+    def t_ns(self) -> AnyArray:
+        """(n,) int64 stamps; log times where the message has no header."""
+        return np.array([value.t_ns for value in self.values], dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """What came over a topic, known or not."""
+
+    msgtype: str
+    log_ns: AnyArray  # (n,) int64
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Everything that score and report need of a bag."""
+
+    name: str
+    traffic: Mapping[str, Traffic]  # by topic
+    series: tuple[Series, ...] = ()  # with at least one message each, in the order of their topics
+    refused: Mapping[str, str] = field(default_factory=dict)  # by topic: how many could not be read, and why the first
+    damage: tuple[str, ...] = ()  # where reading stopped
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Log times of the first and the last message in ns."""
+        times = [traffic.log_ns for traffic in self.traffic.values() if traffic.log_ns.size]
+        return (int(min(t[0] for t in times)), int(max(t[-1] for t in times))) if times else (0, 0)
+
+    @property
+    def spaces(self) -> list[str]:
+        """Namespaces in which a vehicle's estimators speak."""
+        return sorted({series.space for series in self.series if series.role in VEHICLE_ROLES})
+
+    def all(self, role: str, space: str | None = None) -> Iterator[Series]:
+        """The series of a role (in one namespace only, when given)."""
+        return (s for s in self.series if s.role == role and space in (None, s.space))
+
+    def one(self, role: str, space: str | None = None, name: str | None = None) -> Series | None:
+        """The first series of a role (and namespace, and id)."""
+        return next((s for s in self.all(role, space) if name in (None, s.id)), None)
+
+    def source(self, name: str) -> Series | None:
+        """The true position of a source."""
+        return self.one("true_source", name=name)
+
+    def label(self, space: str, name: str) -> str:
+        """A name in the score: as it is for the first vehicle, `vehicle/name` for the others."""
+        first = not self.spaces or space == self.spaces[0]
+        return name if first else f"{space.strip('/')}/{name}"
+
+
+def load(path: Path) -> Recording:
+    """Reads a bag; messages that cannot be read are counted, a damaged bag is read as far as it goes.
+
+    Raises:
+        ValueError: there is no bag at `path`.
+    """
+    bag = Bag(path)
+    readers = {name: reader for name, topic in bag.topics.items() if (reader := _reader(name, topic.msgtype))}
+    times: dict[str, list[int]] = {name: [] for name in bag.topics}
+    for record in bag.records():
+        times.setdefault(record.topic, []).append(record.t_ns)
+        if reader := readers.get(record.topic):
+            reader.read(record)
+    traffic = {
+        name: Traffic(topic.msgtype, np.array(times[name], dtype=np.int64)) for name, topic in bag.topics.items()
+    }
+    filled = sorted((reader for reader in readers.values() if reader.pairs), key=lambda reader: reader.topic)
+    series = tuple(reader.series() for reader in filled)
+    refused = {
+        name: f"{reader.refused} not read: {reader.sentence}" for name, reader in readers.items() if reader.refused
+    }
+    return Recording(path.resolve().name, traffic, series, refused, tuple(bag.damage))
+
+
+class _Reader:
+    """Decodes the messages of one topic."""
+
+    def __init__(self, topic: str, role: str, kind: type, match: re.Match[str]) -> None:
+        found = match.groupdict()
+        self.topic, self._role, self._kind = topic, role, kind
+        self._space, self._id = found.get("space") or "", found.get("id") or ""
+        self.pairs: list[tuple[Any, int]] = []  # value, log time
+        self.refused, self.sentence = 0, ""
+
+    def read(self, record: Record) -> None:
+        try:
+            value = decode(self._kind, record.data, record.t_ns)
+        except ValueError as error:
+            self.refused += 1
+            self.sentence = self.sentence or str(error)
+            return
+        self.pairs.append((value, record.t_ns))
+
+    def series(self) -> Series:
+        self.pairs.sort(key=lambda pair: int(pair[0].t_ns))
+        log_ns = np.array([t_ns for _, t_ns in self.pairs], dtype=np.int64)
+        return Series(self.topic, self._role, self._space, self._id, [value for value, _ in self.pairs], log_ns)
+
+
+def _reader(topic: str, msgtype: str) -> _Reader | None:
+    """None for a topic that is none of ROLES, or that only has the name of one."""
+    for role, (pattern, kind) in ROLES.items():
+        if (match := re.fullmatch(pattern, topic)) and codec(kind).msgtype == msgtype:
+            return _Reader(topic, role, kind, match)
+    return None
+
+
+_SPACE = r"(?!/truth/)(?P<space>(?:/[^/]+)*)"
+_ID = r"(?P<id>[^/]+)"
+
+# The first that fits: `slam/odometry` stands before `odometry`, which any namespace may precede.
+ROLES: dict[str, tuple[str, type]] = {
+    "true_source": (rf"/truth/sources/{_ID}/position", Point),
+    "true_targets": (r"/truth/sonar/targets", Tracks),
+    "true_target": (r"/truth/target/odometry", Odometry),
+    "true_sound_speed": (r"/truth/target/sound_speed", Scalar),
+    "true_mooring": (rf"/truth/mooring/{_ID}/odometry", Odometry),
+    "true_vehicle": (rf"/truth/{_ID}/odometry", Odometry),
+    "slam_source": (rf"{_SPACE}/slam/sources/{_ID}/position", Position),
+    "slam": (rf"{_SPACE}/slam/odometry", Odometry),
+    "bearing": (rf"{_SPACE}/sources/{_ID}/bearing", Bearing),
+    "source": (rf"{_SPACE}/sources/{_ID}/position", Position),
+    "mirror": (rf"{_SPACE}/sources/{_ID}/mirror_position", Position),
+    "target": (rf"{_SPACE}/target/odometry", Odometry),
+    "sound_speed": (rf"{_SPACE}/target/sound_speed", Scalar),
+    "sound_speed_std": (rf"{_SPACE}/target/sound_speed_std", Scalar),
+    "buoys": (rf"{_SPACE}/buoys/positions", NodePositions),
+    "sonar_nodes": (rf"{_SPACE}/sonar/positions", NodePositions),
+    "fix": (rf"{_SPACE}/sonar/fix", Position),
+    "tracks": (rf"{_SPACE}/sonar/tracks", Tracks),
+    "offset": (rf"{_SPACE}/mooring/{_ID}/offset", Point),
+    "mooring": (rf"{_SPACE}/mooring/{_ID}/odometry", Odometry),
+    "odometry": (rf"{_SPACE}/odometry", Odometry),
+}
+VEHICLE_ROLES = ("bearing", "source", "mirror", "slam", "slam_source")
+ESTIMATOR_ROLES = (*VEHICLE_ROLES, "target", "fix", "tracks", "mooring")  # with a header, so that latency is known

@@ -1,0 +1,1 @@
+"""What nets can do, before they are laid out."""

@@ -1,0 +1,1 @@
+"""Bearings: the Cramer-Rao bound, multipath, and what is inside a frame."""

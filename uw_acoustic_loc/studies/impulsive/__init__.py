@@ -1,0 +1,1 @@
+"""A mooring in impulsive noise."""

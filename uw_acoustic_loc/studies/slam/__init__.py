@@ -1,0 +1,1 @@
+"""EKF-SLAM with three pingers."""

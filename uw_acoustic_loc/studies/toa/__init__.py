@@ -1,0 +1,1 @@
+"""A target and the sound speed from arrivals."""
