@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from ..graph import Graph, GraphNode
-from ..resolved_graph import DriverWiring, Wiring, upstream_first, wire
+from ..resolved_graph import ResolvedDriver, ResolvedNode, resolve_node, upstream_first
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES
 from .command_line import command_line, recorder_node
@@ -56,14 +56,14 @@ class Launcher:
         self._graph, self._run, self._log = graph, run, log
         if run.record and run.record.exists():
             raise ValueError(f"bag {run.record} exists already: choose another name or remove it")
-        wirings = [wire(node) for node in graph.nodes]
+        wirings = [resolve_node(node) for node in graph.nodes]
         self._wirings = upstream_first(wirings)
         self._ordered = _ordered(self._wirings)
         self._sim_time = graph.clock_rate > 0 or run.player is not None
         self._start_ns = _start_ns(wirings)
         self._recorder = recorder_node(run.record, self._wirings) if run.record else None
         everything = [node for node in (self._recorder, *graph.nodes, run.player) if node]
-        drivers = {w.node.full_name: w for w in wirings if isinstance(w, DriverWiring)}
+        drivers = {w.node.full_name: w for w in wirings if isinstance(w, ResolvedDriver)}
         self._commands = {
             node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
             for node in everything
@@ -233,7 +233,7 @@ class Launcher:
         self._stopped = True
 
 
-def _ordered(wirings: Sequence[Wiring]) -> set[str]:
+def _ordered(wirings: Sequence[ResolvedNode]) -> set[str]:
     """Nodes with several streams to put in order, and all that are upstream of them."""
     found = [w for w in wirings if sum(not wanted.latched for wanted in w.inputs.values()) > 1]
     while upstream := [w for w in wirings if w not in found and any(set(w.outputs) & set(f.inputs) for f in found)]:
@@ -241,6 +241,6 @@ def _ordered(wirings: Sequence[Wiring]) -> set[str]:
     return {wiring.node.full_name for wiring in found}
 
 
-def _start_ns(wirings: Sequence[Wiring]) -> int:
-    starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, DriverWiring)}
+def _start_ns(wirings: Sequence[ResolvedNode]) -> int:
+    starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, ResolvedDriver)}
     return min(starts) if starts else time.time_ns()
