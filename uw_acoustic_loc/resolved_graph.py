@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,8 +14,9 @@ from .contract import Input, Output, Stage
 from .graph import GraphNode
 from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
 from .sim.scenario import Scenario, find_scenario
-from .stages.catalog import STAGES, stage_class
-from .stages.runner import RunnerConfig, split_config
+from .stages.build import configure
+from .stages.catalog import is_stage
+from .wire.codec import codec
 
 R = TypeVar("R")
 N = TypeVar("N", bound="ResolvedNode")
@@ -53,19 +55,15 @@ def resolve_stage(node: GraphNode) -> ResolvedStage:
         ValueError: one sentence naming the node, the key, the value and what is allowed.
     """
     where = f"node {node.full_name}"
-    cls = stage_class(node.executable)
-    own, shared = split_config(_own_parameters(node))
-    config: Any = build(cls.Config, own, where)
-    runner = build(RunnerConfig, shared, where)
-
-    def make_stage() -> Stage:
-        return cls(config)  # type: ignore[call-arg]
-
-    stage = _named(where, make_stage)
+    configured = configure(node.executable, _own_parameters(node), where)
+    stage = configured.make()
+    for kind in {topic.kind for topic in stage.inputs} | {topic.kind for topic in stage.outputs}:
+        _named(where, partial(codec, kind))
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
-    settings = {**dataclasses.asdict(config), **dataclasses.asdict(runner)}
-    return ResolvedStage(node, inputs, outputs, settings, make_stage=make_stage, lateness=runner.lateness)
+    return ResolvedStage(
+        node, inputs, outputs, configured.settings, make_stage=configured.make, lateness=configured.runner.lateness
+    )
 
 
 def resolve_driver(node: GraphNode) -> ResolvedDriver:
@@ -81,7 +79,7 @@ def resolve_driver(node: GraphNode) -> ResolvedDriver:
 
 def resolve_node(node: GraphNode) -> ResolvedNode:
     """Any node of a graph; of another package's node nothing is known but its entry."""
-    if node.executable in STAGES:
+    if is_stage(node.executable):
         return resolve_stage(node)
     return resolve_driver(node) if node.executable in SOURCES else ResolvedNode(node)
 

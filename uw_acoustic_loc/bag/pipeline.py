@@ -16,7 +16,7 @@ from typing import Any
 from ..contract import Emission, Output
 from ..graph import Graph
 from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
-from ..stages.catalog import STAGES
+from ..stages.catalog import STAGES, is_stage, other_stages
 from ..stages.runner import Refusal, Runner
 from .rosbags_messages import decode, encode
 
@@ -44,9 +44,9 @@ class Pipeline:
     """All estimators of `graph`; `publish` takes what they say, `tell` a node's name and each message it refused."""
 
     def __init__(self, graph: Graph, publish: Publish, tell: Callable[[str, Refusal], None]) -> None:
-        stages = upstream_first([resolve_stage(node) for node in graph.nodes if node.executable in STAGES])
+        stages = upstream_first([resolve_stage(node) for node in graph.nodes if is_stage(node.executable)])
         if not stages:
-            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(STAGES)})")
+            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join([*STAGES, *other_stages()])})")
         self._publish = publish
         self._members = [_Member(stage, tell) for stage in stages]
         self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)
