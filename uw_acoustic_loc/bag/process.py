@@ -10,7 +10,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from ..graph import Graph
-from ..resolved_graph import wire
+from ..resolved_graph import resolve_node
 from ..stages.runner import Refusal
 from ..wire.codec import codec
 from .about import about_graph
@@ -27,7 +27,7 @@ class OfflineRun:
     def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
         self.pipeline = Pipeline(graph, self._publish, tell)
         self._bag = bag
-        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(wire, graph.nodes))}
+        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(resolve_node, graph.nodes))}
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
         self._due: list[tuple[int, str, bytes]] = []  # log time, topic and CDR of what will be written
