@@ -25,7 +25,7 @@ from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.rosbags_messages import decode
 from uw_acoustic_loc.core.types import Array, Bearing, HydrophoneInfo
 from uw_acoustic_loc.graph import Graph, load_graph
-from uw_acoustic_loc.resolved_graph import wire_stage
+from uw_acoustic_loc.resolved_graph import resolve_stage
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.ros.orchestrator.command_line import LEAD_S
 from uw_acoustic_loc.ros.orchestrator.launcher import Launcher, LaunchOptions
@@ -120,9 +120,9 @@ def latency_ns(path: Path, graph: Graph) -> Array:
 
 def completed(path: Path, graph: Graph) -> Iterator[tuple[tuple[str, int], int]]:
     """Topic and stamp of each bearing, with the end of the frame that completed it: the estimator is run again."""
-    wiring = wire_stage(next(node for node in graph.nodes if node.executable == "bearing"))
-    names = {output.topic: topic for topic, output in wiring.outputs.items()}
-    inputs = {wiring.node.resolve(i.topic): i for i in wiring.make_stage().inputs}
+    stage = resolve_stage(next(node for node in graph.nodes if node.executable == "bearing"))
+    names = {output.topic: topic for topic, output in stage.outputs.items()}
+    inputs = {stage.node.resolve(i.topic): i for i in stage.make_stage().inputs}
     for record in Bag(path).records([INFO, FRAMES]):
         value = decode(inputs[record.topic].kind, record.data, record.t_ns)
         emissions = list(inputs[record.topic].handle(value))

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...bag.about import about_graph
 from ...graph import GraphNode
-from ...resolved_graph import DriverWiring, Wiring
+from ...resolved_graph import ResolvedDriver, ResolvedNode
 from ...sim.catalog import SOURCES
 from ...stages.catalog import STAGES
 from ...wire.codec import codec
@@ -23,7 +23,7 @@ RECORDER = "/recorder"  # its full name
 LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
 
 
-def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWiring | None) -> list[str]:
+def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: ResolvedDriver | None) -> list[str]:
     """Program and ROS arguments of a node.
 
     Raises:
@@ -52,7 +52,7 @@ def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWir
     return _program(node, graph) + arguments
 
 
-def recorder_node(bag: Path, wirings: Sequence[Wiring]) -> GraphNode:
+def recorder_node(bag: Path, wirings: Sequence[ResolvedNode]) -> GraphNode:
     """The recorder of all that a graph publishes. With other packages' nodes in it, it records whatever appears."""
     outputs = [(topic, output) for wiring in wirings for topic, output in wiring.outputs.items()]
     pairs = [f"{topic} {codec(output.kind).msgtype}" for topic, output in outputs]

@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from ...graph import Graph, GraphNode
-from ...resolved_graph import DriverWiring, Wiring, upstream_first, wire
+from ...resolved_graph import ResolvedDriver, ResolvedNode, resolve_node, upstream_first
 from ...sim.catalog import SOURCES
 from ...stages.catalog import STAGES
 from ..report import Deliveries, Reports
@@ -50,12 +50,12 @@ class Launcher:
         self._graph, self._options, self._log = graph, options, log
         if options.bag and options.bag.exists():
             raise ValueError(f"bag {options.bag} exists already: choose another name or remove it")
-        wirings = [wire(node) for node in graph.nodes]
+        wirings = [resolve_node(node) for node in graph.nodes]
         self._wirings = upstream_first(wirings)
         self._sim_time = graph.clock_rate > 0 or options.player is not None
         self._recorder = recorder_node(options.bag, self._wirings) if options.bag else None
         everything = [node for node in (self._recorder, *graph.nodes, options.player) if node]
-        drivers = {w.node.full_name: w for w in wirings if isinstance(w, DriverWiring)}
+        drivers = {w.node.full_name: w for w in wirings if isinstance(w, ResolvedDriver)}
         self._commands = {
             node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
             for node in everything
@@ -165,6 +165,6 @@ class Launcher:
         self._stopped = True
 
 
-def _start_ns(wirings: Sequence[Wiring]) -> int:
-    starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, DriverWiring)}
+def _start_ns(wirings: Sequence[ResolvedNode]) -> int:
+    starts = {wiring.scenario.start_ns for wiring in wirings if isinstance(wiring, ResolvedDriver)}
     return min(starts) if starts else time.time_ns()

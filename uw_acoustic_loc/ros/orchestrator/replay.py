@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ...bag.reader import Bag
 from ...bag.remap import RemappedBag, remaps
 from ...graph import Graph, GraphNode
-from ...resolved_graph import upstream_first, wire
+from ...resolved_graph import resolve_node, upstream_first
 from ...sim.catalog import SOURCES
 from ...stages.catalog import STAGES
 from ..report import Reports, published
@@ -29,7 +29,7 @@ def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str
     Raises:
         ValueError: the bag has none of the topics that the graph needs.
     """
-    wirings = upstream_first([wire(node) for node in graph.nodes])
+    wirings = upstream_first([resolve_node(node) for node in graph.nodes])
     outputs = {topic for wiring in wirings for topic in wiring.outputs}
     needed = {topic for wiring in wirings for topic in wiring.inputs} - outputs
     if needed and not needed & set(bag.topics):
