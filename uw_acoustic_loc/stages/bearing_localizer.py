@@ -14,7 +14,7 @@ from ..core.localizer.bearing_ekf_moving import MovingBearingEkf
 from ..core.localizer.localizer import LocalizerConfig, SourceLocalizer
 from ..core.localizer.particles import BearingParticles
 from ..core.localizer.reckoning import Reckoning
-from ..core.localizer.triangulation import Fix
+from ..core.localizer.triangulation import PlanarFix
 from ..core.localizer.turn_advice import advice
 from ..core.types import Array, Bearing, Odometry, Particles, Position
 
@@ -101,7 +101,7 @@ class BearingLocalizerStage:
             if (fix := side.fix) is not None:
                 fix = self._reckoning.to_odom(fix)
                 cov = fix.cov + self._drift(fix.mean)
-                yield f"sources/{name}/{topic}", _position(bearing.t_ns, Fix(fix.mean, cov), z)
+                yield f"sources/{name}/{topic}", _position(bearing.t_ns, PlanarFix(fix.mean, cov), z)
         yield from self._cloud(name, bearing.t_ns, z)
 
     @property
@@ -155,7 +155,7 @@ def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
     return values
 
 
-def _position(t_ns: int, fix: Fix, z: float) -> Position:
+def _position(t_ns: int, fix: PlanarFix, z: float) -> Position:
     cov = np.zeros((3, 3))
     cov[:2, :2] = fix.cov
     cov[2, 2] = -1.0  # not observed

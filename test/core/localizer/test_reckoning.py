@@ -9,7 +9,7 @@ import pytest
 
 from uw_acoustic_loc.core.geometry import quat_from_yaw
 from uw_acoustic_loc.core.localizer.reckoning import Reckoning
-from uw_acoustic_loc.core.localizer.triangulation import Fix
+from uw_acoustic_loc.core.localizer.triangulation import PlanarFix
 from uw_acoustic_loc.core.types import Odometry
 
 
@@ -37,7 +37,7 @@ def test_a_leap_is_undone_and_told():
     assert after[1] == pytest.approx(before[1])
     assert reckoning.jumps == 1 and reckoning.gaps == 0
     assert reckoning.notice == "odometry leapt by 44.6 m and -69 deg: sources carried along"
-    ahead = Fix(after[0][:2] + 30 * np.array([math.cos(2.0), math.sin(2.0)]), np.diag([4.0, 1.0]))
+    ahead = PlanarFix(after[0][:2] + 30 * np.array([math.cos(2.0), math.sin(2.0)]), np.diag([4.0, 1.0]))
     back = reckoning.to_odom(ahead)
     np.testing.assert_allclose(back.mean, 30 * np.array([math.cos(0.8), math.sin(0.8)]), atol=1e-12)
     np.testing.assert_allclose(np.linalg.eigvalsh(back.cov), [1.0, 4.0])

@@ -15,7 +15,7 @@ _JUMP_TURN, _JUMP_RATE = 0.05, 0.5  # rad, rad/s by which a turn may differ from
 _JUMP_MOVE, _JUMP_SPEED = 0.5, 2.0  # m, m/s
 
 
-class Step(NamedTuple):
+class Displacement(NamedTuple):
     """Motion of the array between two instants."""
 
     turn: float  # rad, counter-clockwise
@@ -76,17 +76,17 @@ class ArrayMotion:
         if len(self._t_ns) > _KEPT:
             del self._t_ns[: _KEPT // 2], self._poses[: _KEPT // 2]
 
-    def between(self, begin_ns: int, end_ns: int) -> Step:
+    def between(self, begin_ns: int, end_ns: int) -> Displacement:
         """From one instant to a later one; without any odometry the array is taken to stand still."""
         if not self._t_ns:
-            return Step(0.0, (0.0, 0.0), 1.0)
+            return Displacement(0.0, (0.0, 0.0), 1.0)
         a, b = self._at(begin_ns), self._at(end_ns)
         turn, (px, py) = b.yaw - a.yaw, self._position[:2]
         dx, dy = _rotated(b.x - a.x, b.y - a.y, -a.yaw)
         lever_x, lever_y = _rotated(px, py, turn)
         move = _rotated(dx + lever_x - px, dy + lever_y - py, -self._yaw)
         known = min(end_ns, self._t_ns[-1]) - max(begin_ns, self._t_ns[0])
-        return Step(turn, move, 1.0 - min(max(known / max(end_ns - begin_ns, 1), 0.0), 1.0))
+        return Displacement(turn, move, 1.0 - min(max(known / max(end_ns - begin_ns, 1), 0.0), 1.0))
 
     def _continued(self, given: tuple[float, float, float], t_ns: int) -> tuple[float, float, float]:
         """Position and yaw that go on from the last ones without a jump."""

@@ -14,7 +14,7 @@ from .bearing_ekf import BearingEkf, range_bank
 from .bearing_ekf_moving import MovingBearingEkf
 from .bearing_noise import NOISES
 from .particles import BearingParticles
-from .triangulation import Drift, Fix, Ray, Triangulation
+from .triangulation import Drift, PlanarFix, Ray, Triangulation
 
 Estimator = Triangulation | BearingEkf | MovingBearingEkf | BearingParticles
 
@@ -135,7 +135,7 @@ class Hypothesis:
             self.estimator.update(Ray(rays[0].x, rays[0].y, bearing, math.sqrt(std**2 + spread), weight))
 
     @property
-    def fix(self) -> Fix | None:
+    def fix(self) -> PlanarFix | None:
         return self.estimator.estimate()
 
 

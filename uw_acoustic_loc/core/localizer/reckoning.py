@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry import rotation_from_rpy, rpy_from_quat, wrap_angle
 from ..types import Array, Odometry
-from .triangulation import Fix
+from .triangulation import PlanarFix
 
 
 class Reckoning:
@@ -52,12 +52,12 @@ class Reckoning:
         kept = self._turn * complex(position[0], position[1]) + self._shift
         return np.array([kept.real, kept.imag, position[2]]), wrap_angle(yaw + cmath.phase(self._turn))
 
-    def to_odom(self, fix: Fix) -> Fix:
+    def to_odom(self, fix: PlanarFix) -> PlanarFix:
         """A fix of this frame in odom as it is now."""
         if not self.jumps:
             return fix
         rotation = self._back
-        return Fix(self.points_to_odom(fix.mean[:, None])[:, 0], rotation @ fix.cov @ rotation.T)
+        return PlanarFix(self.points_to_odom(fix.mean[:, None])[:, 0], rotation @ fix.cov @ rotation.T)
 
     def points_to_odom(self, xy: Array) -> Array:
         """Points (2, n) of this frame in odom as it is now."""
