@@ -59,10 +59,3 @@ def deserialize(data: bytes, msgtype: str) -> Any:
         return STORE.deserialize_cdr(data, msgtype)
     except Exception as error:  # rosbags' decoder fails with whatever the bytes lead it into
         raise ValueError(f"{msgtype}: {len(data)} bytes cannot be decoded ({error})") from None
-
-
-def definition(msgtype: str) -> tuple[str, str]:
-    """Definition text and RIHS01 hash of a message type; empty when the type is not one of ROS 2 Jazzy's."""
-    if msgtype not in STORE.types:
-        return "", ""
-    return STORE.generate_msgdef(msgtype, ros_version=2)[0], STORE.hash_rihs01(msgtype)

@@ -12,7 +12,7 @@ from ..config import build
 from ..contract import Input, Stage
 from ..stages.catalog import STAGES, stage_class
 from ..wire.codec import codec
-from .rosbags_messages import deserialize
+from .definitions import decoded
 from .survey import Survey
 
 _ANY = "ANY"  # stands for every id in the topics of a stage
@@ -70,7 +70,7 @@ class _Kinds:
         if record is None:
             return "it has no messages"
         try:
-            value = form.decode(deserialize(record.data, form.msgtype), record.t_ns)
+            value = decoded(wanted.kind, record)
         except ValueError as error:
             return str(error)
         frame = getattr(value, "frame_id", "")

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from ..bag.definitions import decoded
 from ..bag.reader import Bag, Record
-from ..bag.rosbags_messages import decode
 from ..core.types import AnyArray, Bearing, NodePositions, Odometry, Point, Position, Scalar, Tracks
 from ..wire.codec import codec
 
@@ -116,7 +116,7 @@ class _Reader:
 
     def read(self, record: Record) -> None:
         try:
-            value = decode(self._kind, record.data, record.t_ns)
+            value = decoded(self._kind, record)
         except ValueError as error:
             self.refused += 1
             self.sentence = self.sentence or str(error)
