@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,20 +14,26 @@ EDGE = 0.1  # share of a pulse taken by each raised-cosine edge
 
 
 def images(source: Array, env: Environment) -> tuple[Array, Array]:
-    """(3, P) image sources and (P,) amplitude coefficients: direct, then from each boundary on in turn.
+    """(3, P) image sources and (P,) amplitude coefficients, the source itself first (Allen & Berkley 1979).
 
-    Allen & Berkley (1979) for two boundaries: a path of n bounces leaves towards the surface or towards the seabed
-    and then alternates, so order n has 2 n + 1 images. A path whose coefficient is 0 is left out.
+    Two opposite boundaries have the images of `_row`; those of a basin are all triples of them, along each axis one,
+    whose bounces add up to no more than the most. Left out are paths whose coefficient is 0 and, in a basin, those
+    that are nowhere in it as loud as `floor_db`.
     """
-    x, y, z = source
-    ends = [(z, 1.0), (z, 1.0)]
-    paths = ends[:1]
-    for bounce in range(env.reflections):
-        ends = [_mirrored(end, (first + bounce) % 2 == 0, env) for first, end in enumerate(ends)]
-        paths += ends
-    heights, gains = np.array(paths).T
-    positions = np.stack([np.full(gains.size, x), np.full(gains.size, y), heights])
-    return positions[:, gains != 0.0], gains[gains != 0.0]
+    walls, most = env.walls, env.reflections
+    heights = _row(source[2], (0.0, -env.depth), (env.surface_reflection, env.bottom_reflection), most)
+    if walls is None:
+        positions, gains = _grid([_row(x, (0.0, 0.0), (0.0, 0.0), 0) for x in source[:2]] + [heights], most)
+        return positions[:, gains != 0.0], gains[gains != 0.0]
+    x, y, _ = walls.to_basin(source)
+    along = _row(x, (0.0, walls.length), walls.reflection[:2], most)
+    across = _row(y, (0.0, walls.width), walls.reflection[2:], most)
+    positions, gains = _grid([along, across, heights], most)
+    size = np.array([[walls.length], [walls.width], [-env.depth]])
+    nearest = np.linalg.norm(positions - np.clip(positions, np.minimum(size, 0.0), np.maximum(size, 0.0)), axis=0)
+    loud = np.abs(gains) >= 10 ** (walls.floor_db / 20) * np.maximum(nearest, 1.0)
+    loud[0] = True
+    return walls.to_map(positions[:, loud]), gains[loud]
 
 
 def absorption(frequency: float, env: Environment) -> float:
@@ -87,12 +94,27 @@ def _sine(turns: Array) -> AnyArray:
     return np.asarray(np.sin((2 * np.pi * (turns - np.rint(turns))).astype(np.float32)))
 
 
-def _mirrored(end: tuple[float, float], at_surface: bool, env: Environment) -> tuple[float, float]:
-    """Height and coefficient of a path after one more bounce."""
-    height, gain = end
-    if at_surface:
-        return -height, gain * env.surface_reflection
-    return -2.0 * env.depth - height, gain * env.bottom_reflection
+def _row(place: float, ends: tuple[float, float], coefficients: Sequence[float], most: int) -> tuple[Array, Array]:
+    """(2 most + 1,) images between two opposite boundaries and their coefficients, in the order of their bounces.
+
+    A path of n bounces leaves towards the first boundary or towards the second and then alternates: two per n.
+    """
+    paths = [(place, 1.0), (place, 1.0)]
+    row = paths[:1]
+    for bounce in range(most):
+        sides = [(first + bounce) % 2 for first in range(2)]
+        paths = [(2.0 * ends[k] - at, gain * coefficients[k]) for k, (at, gain) in zip(sides, paths, strict=True)]
+        row += paths
+    at, gains = np.array(row).T
+    return at, gains
+
+
+def _grid(rows: Sequence[tuple[Array, Array]], most: int) -> tuple[Array, Array]:
+    """(3, P) triples of the rows' images with at most so many bounces in all, and the products of coefficients."""
+    bounces = [(np.arange(gains.size) + 1) // 2 for _, gains in rows]
+    k = np.nonzero(np.add.outer(np.add.outer(bounces[0], bounces[1]), bounces[2]) <= most)
+    positions = np.stack([at[i] for (at, _), i in zip(rows, k, strict=True)])
+    return positions, np.asarray(np.prod([gains[i] for (_, gains), i in zip(rows, k, strict=True)], axis=0))
 
 
 def _tones(pinger: Pinger, age: Array, phases: Array | None) -> Array:

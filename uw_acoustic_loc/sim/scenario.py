@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,50 @@ import numpy as np
 
 from ..config import build, param
 from ..core.impulsive import AlphaStable, ImpulsiveNoise
+from ..core.types import Array
 from ..resources import resource
 from ..yaml_file import load_yaml
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Four upright walls around a rectangular basin, which extends from the corner (x, y) to its own +x and +y."""
+
+    x: float = param(unit="m")
+    y: float = param(unit="m")
+    length: float = param(unit="m", low=0.1, high=1000, doc="along its own x")
+    width: float = param(unit="m", low=0.1, high=1000, doc="along its own y")
+    yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of its own x in map")
+    reflection: tuple[float, ...] = param(
+        (0.7, 0.7, 0.7, 0.7),
+        low=-1,
+        high=1,
+        length=4,
+        doc="amplitude coefficients at the basin's x = 0, x = length, y = 0, y = width",
+    )
+    floor_db: float = param(
+        -80.0,
+        unit="dB",
+        low=-200,
+        high=0,
+        doc="paths that are nowhere louder, re the source's level at 1 m, are left out",
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.reflection) != 4:
+            raise ValueError(f"reflection must have 4 elements, got {len(self.reflection)}")
+
+    def to_basin(self, points: Array) -> Array:
+        """(3, n) points (3, n) of the map in the basin's own frame."""
+        x, y, z = points[0] - self.x, points[1] - self.y, points[2]
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return np.stack([cos * x + sin * y, cos * y - sin * x, z])
+
+    def to_map(self, points: Array) -> Array:
+        """(3, n) points (3, n) of the basin's own frame in map."""
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        x, y, z = points
+        return np.stack([self.x + cos * x - sin * y, self.y + sin * x + cos * y, z])
 
 
 @dataclass(frozen=True)
@@ -26,7 +69,8 @@ class Environment:
     depth: float = param(40.0, unit="m", low=1, doc="flat seabed, below the surface at z = 0")
     surface_reflection: float = param(-0.7, low=-1, high=1, doc="amplitude coefficient")
     bottom_reflection: float = param(0.4, low=-1, high=1, doc="amplitude coefficient")
-    reflections: int = param(1, low=0, high=20, doc="most bounces between surface and seabed that a path may have")
+    reflections: int = param(1, low=0, high=20, doc="most bounces that a path may have")
+    walls: Walls | None = param(None, doc="of a basin; left out = open water")
     temperature: float = param(12.0, unit="deg C", low=-2, high=40, doc="for the absorption")
     salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for the absorption")
     ph: float = param(8.0, low=7, high=9, doc="for the absorption")
