@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..core.types import AnyArray, Array
-from .scenario import Environment, Pinger
+from .scenario import Pinger
+from .water import Environment
 
 EDGE = 0.1  # share of a pulse taken by each raised-cosine edge
+_RINGING = math.log(1e4)  # time constants until a resonator is taken as silent
 
 
 def images(source: Array, env: Environment) -> tuple[Array, Array]:
@@ -57,7 +60,7 @@ def absorption(frequency: float, env: Environment) -> float:
 
 
 def pulse(pinger: Pinger, age: Array, phases: Array | None = None) -> Array:
-    """Pressure at 1 m at ages (n,) in s, with raised-cosine edges; 0 outside [0, pulse_length].
+    """Pressure at 1 m at ages (...) in s, with raised-cosine edges or a resonator's; 0 outside [0, `sounding`].
 
     A noise pulse is a sum of tones of equal amplitude across the band, 1 / pulse_length apart, with random phases
     (K,) from `tone_phases`: the same at every fractional instant. Its period is the pulse's length.
@@ -65,16 +68,23 @@ def pulse(pinger: Pinger, age: Array, phases: Array | None = None) -> Array:
     Raises:
         ValueError: a noise pulse without phases.
     """
+    if pinger.q_factor:
+        return np.asarray(pinger.source_level * _resonance(pinger, age), dtype=np.float64)
     share = age / pinger.pulse_length
     edge = np.clip(np.minimum(share, 1.0 - share) / EDGE, 0.0, 1.0)
-    centre = 0.5 * (pinger.band_low + pinger.band_high)
     if pinger.pulse == "noise":
         wave = _tones(pinger, age, phases)
     elif pinger.pulse == "tone":
-        wave = _sine(centre * age)
+        wave = _sine(_centre(pinger) * age)
     else:
-        wave = _sine((pinger.band_low + (centre - pinger.band_low) * share) * age)
+        wave = _sine((pinger.band_low + (_centre(pinger) - pinger.band_low) * share) * age)
     return np.asarray(pinger.source_level * wave * np.square(_sine(0.25 * edge)), dtype=np.float64)
+
+
+def sounding(pinger: Pinger) -> float:
+    """Length of a pulse in s with the ringing after it, which ends at -80 dB."""
+    ringing = _RINGING * pinger.q_factor / (math.pi * _centre(pinger))
+    return pinger.pulse_length + ringing
 
 
 def tone_phases(pinger: Pinger, rng: np.random.Generator) -> Array:
@@ -87,6 +97,36 @@ def pings(pinger: Pinger, begin: float, end: float) -> range:
     """Indices of the pings that start in [begin, end); ping k starts at offset + k period, k >= 0."""
     first = max(0, math.ceil((begin - pinger.offset) / pinger.period))
     return range(first, max(first, math.ceil((end - pinger.offset) / pinger.period)))
+
+
+def _centre(pinger: Pinger) -> float:
+    return 0.5 * (pinger.band_low + pinger.band_high)
+
+
+def _resonance(pinger: Pinger, age: Array) -> Array:
+    """A tone of amplitude 1 after a resonator, H(s) = (w / Q) s / (s^2 + (w / Q) s + w^2) with w that of the tone.
+
+    The tone is switched on at age 0, and the same tone with the opposite sign when the pulse ends.
+    """
+    off = _centre(pinger) * pinger.pulse_length
+    wave = _switched_on(pinger, age, 0.0) - _switched_on(pinger, age - pinger.pulse_length, off)
+    return np.asarray(wave * (age <= sounding(pinger)))
+
+
+def _switched_on(pinger: Pinger, age: Array, turns: float) -> Array:
+    """The resonator's answer to sin(w t + p) from t = 0 on, p = 2 pi `turns`: with d = w / (2 Q), v^2 = w^2 - d^2,
+
+    sin(w t + p) - exp(-d t) (sin p cos v t + (w cos p - d sin p) / v sin v t), by partial fractions of the Laplace
+    transforms.
+    """
+    frequency, phase = _centre(pinger), 2 * math.pi * turns
+    damping = 0.5 / pinger.q_factor  # d / w
+    own = math.sqrt(1.0 - damping**2)  # v / w
+    free = complex((math.cos(phase) - damping * math.sin(phase)) / own, math.sin(phase))
+    free_turns = cmath.phase(free) / (2 * math.pi)
+    decay = np.exp(np.minimum(-2 * math.pi * frequency * damping * age, 0.0))
+    wave = _sine(frequency * age + turns) - abs(free) * decay * _sine(own * frequency * age + free_turns)
+    return np.asarray(wave * (age > 0.0))
 
 
 def _sine(turns: Array) -> AnyArray:
