@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from ..graph import Graph, GraphNode
 from ..resolved_graph import ResolvedDriver, ResolvedNode, resolve_node, upstream_first
 from ..sim.catalog import SOURCES
-from ..stages.catalog import STAGES
+from ..stages.catalog import is_stage
 from .command_line import command_line, recorder_node
 from .diagnostics import Diagnostics
 from .processes import USER_ERROR, NodeProcess, SharedMemory
@@ -68,7 +68,9 @@ class Launcher:
             node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
             for node in everything
         }
-        self._ours = [n.full_name for n in everything if n.executable in (*SOURCES, *STAGES, "recorder")]
+        self._ours = [
+            n.full_name for n in everything if n.executable in (*SOURCES, "recorder") or is_stage(n.executable)
+        ]
         self._processes: dict[str, NodeProcess] = {}
         # its end is the run's
         self._player = next((node.full_name for node in everything if node.executable == "player"), "")
@@ -198,7 +200,7 @@ class Launcher:
         """Drivers first, then estimators down the data flow, each after it has had all its input; recorder last."""
         code = 0
         drivers = [n.full_name for n in self._graph.nodes if n.executable in SOURCES]
-        estimators = [w.node.full_name for w in self._wirings if w.node.executable in STAGES]
+        estimators = [w.node.full_name for w in self._wirings if is_stage(w.node.executable)]
         if not self._sim_time:  # a clock that stands still has ended them already
             self._sync.ask(drivers, finish=True, timeout_s=5.0)
         self._drain()
