@@ -46,7 +46,7 @@ OUTSIDE: dict[str, set[str]] = {
     "stages": {"numpy"},
     "wire": {"numpy"},
     "sim": {"numpy", "scipy"},
-    "bag": {"numpy", "scipy", "yaml", "lz4", "mcap", "zstandard", "rosbags"},
+    "bag": {"numpy", "scipy", "yaml", "lz4", "mcap", "zstandard", "rosbags", "soundfile"},
     "evaluation": {*PLOTS, "yaml"},
     "planning": PLOTS,
     "studies": PLOTS,

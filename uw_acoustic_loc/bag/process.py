@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -15,10 +16,10 @@ from ..stages.catalog import is_stage
 from ..stages.runner import Refusal
 from ..wire.codec import codec
 from .about import about_graph
+from .definitions import decoded
 from .pipeline import Message, Pipeline
 from .reader import Bag, Record
 from .remap import RemappedBag
-from .rosbags_messages import decode
 from .writer import BagWriter
 
 
@@ -51,7 +52,7 @@ class OfflineRun:
             for topic, output in own.items():
                 self._writer.add_topic(topic, codec(output.kind).msgtype, output.latched)
             last_ns = 0
-            for batch in _batches(self._bag.records(None if keep_inputs else [*self._kinds])):
+            for batch in _batches(self._bag.records(self._wanted(keep_inputs))):
                 self._due = [self._kept(record) for record in batch if keep_inputs and record.topic not in own]
                 self.pipeline.push(self._decoded(batch))
                 self._write()
@@ -61,9 +62,14 @@ class OfflineRun:
             self._write()
             return self._writer.counts
 
+    def _wanted(self, keep_inputs: bool) -> list[str]:
+        return [*self._bag.topics, *self._bag.refused] if keep_inputs else [*self._kinds]
+
     def _kept(self, record: Record) -> tuple[int, str, bytes]:
-        topic = self._bag.topics[record.topic]
-        self._writer.add_topic(record.topic, record.msgtype, topic.latched, topic.definition)
+        topic = self._bag.topics.get(record.topic) or self._bag.refused[record.topic]
+        if record.msgtype != topic.msgtype:
+            topic = replace(topic, msgtype=record.msgtype, definition=record.definition)
+        self._writer.copy_topic(topic)
         return record.t_ns, record.topic, record.data
 
     def _decoded(self, batch: list[Record]) -> Iterator[Message]:
@@ -73,9 +79,7 @@ class OfflineRun:
             if kind is None:
                 continue
             try:
-                if record.msgtype != codec(kind).msgtype:
-                    raise ValueError(f"type must be {codec(kind).msgtype}, got {record.msgtype}")
-                value = decode(kind, record.data, record.t_ns)
+                value = decoded(kind, record)
             except ValueError as error:
                 self.pipeline.malformed(record.topic, str(error))
                 continue

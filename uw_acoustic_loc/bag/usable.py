@@ -13,7 +13,7 @@ from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
 from ..stages.catalog import stage_class, stage_names
 from ..topics import KnownTopic, find
 from ..wire.codec import codec
-from .rosbags_messages import deserialize
+from .definitions import decoded
 from .survey import Survey
 
 
@@ -83,7 +83,7 @@ class _Kinds:
         if record is None:
             return "it has no messages"
         try:
-            value = form.decode(deserialize(record.data, form.msgtype), record.t_ns)
+            value = decoded(wanted.kind, record)
         except ValueError as error:
             return str(error)
         frame = getattr(value, "frame_id", "")

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..bag.definitions import decoded
 from ..bag.reader import Bag, Record
-from ..bag.rosbags_messages import decode
 from ..core.types import AnyArray, Scalar
 from ..topics import TOPICS, KnownTopic, Place, find
 from ..wire.codec import codec
@@ -114,7 +114,7 @@ class _Reader:
 
     def read(self, record: Record) -> None:
         try:
-            value = decode(self._row.kind, record.data, record.t_ns)
+            value = decoded(self._row.kind, record)
         except ValueError as error:
             self.refused += 1
             self.sentence = self.sentence or str(error)

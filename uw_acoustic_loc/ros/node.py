@@ -13,11 +13,13 @@ from ..stages.build import ConfiguredStage, configure
 from ..stages.runner import Refusal, Runner
 from ..wire.codec import codec
 from .diagnostics import Diagnostics, InputWatch
-from .endpoints import Publishers, Subscriptions, SyncService
+from .endpoints import Publishers, Subscriptions
 from .markers import Markers
 from .parameters import declare, given_parameters, on_change
 from .rclpy_messages import from_dds
+from .report import NodeReport
 from .spin import Stop
+from .sync import SyncService
 
 
 class StageNode:
@@ -28,9 +30,9 @@ class StageNode:
         self.node = rclpy.create_node(name, automatically_declare_parameters_from_overrides=True)
         self._configured = self._configure(executable)
         self._log = self.node.get_logger()
-        self._told: dict[str, float] = {}
+        self._logged: dict[str, float] = {}
         lateness = self._configured.runner.lateness
-        self._runner = Runner(self._make_stage, lateness, self._tell)
+        self._runner = Runner(self._make_stage, lateness, self._log_refusal)
         self._publishers = Publishers(self.node, self._runner.stage.outputs)
         self._subscriptions = Subscriptions(self.node)
         for wanted in self._runner.stage.inputs:
@@ -89,16 +91,18 @@ class StageNode:
         self._runner.stage.change(config)
         self._log.info("parameters changed")
 
-    def _tell(self, refusal: Refusal) -> None:
+    def _log_refusal(self, refusal: Refusal) -> None:
         """One log line per topic and second at most; the counts are complete in diagnostics."""
         now = time.monotonic()
-        if now - self._told.get(refusal.topic, -1e9) > 1.0:
-            self._told[refusal.topic] = now
+        if now - self._logged.get(refusal.topic, -1e9) > 1.0:
+            self._logged[refusal.topic] = now
             self._log.warning(f"{refusal.topic}: {refusal.sentence}")
 
     def _status(self) -> Any:
         return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts)
 
-    def _report(self) -> dict[str, Any]:
-        counts = [{"topic": t, "what": w, "count": n} for (t, w), n in self._runner.counts.items()]
-        return {"out": self._publishers.report(), "in": self._subscriptions.report(), "counts": counts}
+    def _report(self) -> NodeReport:
+        counts: dict[str, dict[str, int]] = {}
+        for (topic, what), count in self._runner.counts.items():
+            counts.setdefault(topic, {})[what] = count
+        return NodeReport(self._publishers.report(), self._subscriptions.report(), counts)

@@ -10,13 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..bag.about import about_graph
-from ..graph import GraphNode
-from ..resolved_graph import ResolvedDriver, ResolvedNode
-from ..sim.catalog import SOURCES
-from ..stages.catalog import is_stage, stage_names
-from ..wire.codec import codec
+from ...bag.about import about_graph
+from ...graph import GraphNode
+from ...resolved_graph import ResolvedDriver, ResolvedNode
+from ...sim.catalog import SOURCES
+from ...stages.catalog import is_stage, stage_names
+from ...wire.codec import codec
 
+_PROGRAM = str(__package__).rpartition(".")[0]  # python -m
+RECORDER = "/recorder"  # its full name
 LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
 
 
@@ -50,7 +52,7 @@ def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: ResolvedD
 
 
 def recorder_node(bag: Path, wirings: Sequence[ResolvedNode]) -> GraphNode:
-    """The recorder of all that a graph publishes. With other packages' nodes in it, it looks what appears."""
+    """The recorder of all that a graph publishes. With other packages' nodes in it, it records whatever appears."""
     outputs = [(topic, output) for wiring in wirings for topic, output in wiring.outputs.items()]
     pairs = [f"{topic} {codec(output.kind).msgtype}" for topic, output in outputs]
     pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
@@ -60,12 +62,12 @@ def recorder_node(bag: Path, wirings: Sequence[ResolvedNode]) -> GraphNode:
     if all(_ours(wiring.node.executable) for wiring in wirings):
         params |= {"topics": f"[{', '.join(pairs)}]"}
         params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
-    return GraphNode("recorder", "recorder", "/", None, {}, params)
+    return GraphNode("recorder", RECORDER.strip("/"), "/", None, {}, params)
 
 
 def _program(node: GraphNode, graph: Path) -> list[str]:
     if _ours(node.executable):
-        return [sys.executable, "-m", str(__package__), node.executable]
+        return [sys.executable, "-m", _PROGRAM, node.executable]
     package, _, executable = node.executable.partition("/")
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         path = Path(prefix, "lib", package, executable)
