@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -174,3 +175,13 @@ def test_a_stage_that_is_not_installed_is_said_to_be_left_out(bag: Path, tmp_pat
     (tmp_path / "graph.yaml").write_text(text.replace("/bearing4,", "/bearing5, name: bearing4,"))
     done = uwloc(install, "process", bag, "-o", tmp_path / "out", "--graph", tmp_path / "graph.yaml")
     assert "/auv1/bearing4 is left out: four_hydrophones/bearing5 is no estimator" in " ".join(done.stderr.split())
+
+
+def test_the_page_shows_the_example_as_it_is() -> None:
+    page = (REPO / "docs" / "howto_own_stage.md").read_text()
+    files = [path.read_text() for path in EXAMPLE.rglob("*") if path.suffix in (".py", ".msg", ".yaml")]
+    blocks = re.findall(r"```(?:python|yaml)?\n(.*?)```", page, re.DOTALL)
+    shown = [block for block in blocks if not block.startswith("colcon")]
+    assert len(shown) == 4
+    for block in shown:
+        assert any(block in text for text in files), block
