@@ -25,7 +25,7 @@ _COUNTS = 32767
 
 @dataclass(frozen=True)
 class WavSetup:
-    """What a WAV file does not say."""
+    """What a WAV file does not contain."""
 
     spacing: float  # m
     sound_speed: float  # m/s
@@ -72,7 +72,7 @@ def convert_wav(path: Path, out: Path, setup: WavSetup) -> dict[str, int]:
 
 
 def _read(path: Path) -> tuple[int, AnyArray]:
-    """Sample rate and (N,) or (N, channels) samples as the file has them."""
+    """Reads sample rate and (N,) or (N, channels) samples as the file has them."""
     from scipy.io import wavfile  # noqa: PLC0415
 
     try:
@@ -89,7 +89,7 @@ def _read(path: Path) -> tuple[int, AnyArray]:
 
 
 def _channels(path: Path, samples: AnyArray, setup: WavSetup) -> AnyArray:
-    """(2, N) int16 counts, or float32 Pa."""
+    """Returns (2, N) int16 counts, or float32 Pa."""
     count = 1 if samples.ndim == 1 else samples.shape[1]
     if max(setup.channels) >= count:
         raise ValueError(f"{path} must have channels {list(setup.channels)}, it has {count}, counted from 0")
@@ -103,7 +103,7 @@ def _channels(path: Path, samples: AnyArray, setup: WavSetup) -> AnyArray:
 
 
 def _largest(path: Path, kind: np.dtype[Any]) -> float:
-    """The value that stands for full scale; scipy puts 24 bits into the upper three bytes of an int32."""
+    """Returns the value of full scale; scipy puts 24 bits into the upper three bytes of an int32."""
     if kind.kind == "f":
         return 1.0
     if kind == np.int32:

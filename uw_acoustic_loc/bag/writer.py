@@ -60,11 +60,11 @@ class BagWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages written per topic."""
+        """How many messages were written per topic."""
         return {name: topic["message_count"] for name, topic in self._topics.items()}
 
     def add_topic(self, name: str, msgtype: str, latched: bool = False, text: str = "") -> None:
-        """Declares a topic; again is harmless. `text` is the definition of a type that is not one of ROS 2 Jazzy's."""
+        """Declares a topic, once or again. `text` is the definition of a type that is not one of ROS 2 Jazzy's."""
         if name in self._channels or not self._open:
             return
         own_text, type_hash = definition(msgtype)
@@ -82,7 +82,7 @@ class BagWriter:
         self._topics[name] = {"topic_metadata": described, "message_count": 0}
 
     def write(self, name: str, t_ns: int, data: bytes, published_ns: int = 0) -> None:
-        """Appends a message of a declared topic: the instant it was received, its CDR bytes."""
+        """Appends the CDR bytes of a message of a declared topic, received at t_ns."""
         if not self._open:
             return
         self._topics[name]["message_count"] += 1
@@ -125,7 +125,7 @@ class BagWriter:
             self._saved = _Saved(self.counts, self._first, self._last)
 
     def _forget_lost(self) -> None:
-        """What had not reached the file does not count."""
+        """Takes back the counts of what has not reached the file."""
         for name, topic in self._topics.items():
             topic["message_count"] = self._saved.counts.get(name, 0)
         self._first, self._last = self._saved.first, self._saved.last
@@ -136,7 +136,7 @@ class BagWriter:
         listed = self.path / "metadata.yaml"
         try:
             listed.write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
-        except OSError:  # as full as before: a bag without it can be read, one with half of it is a riddle
+        except OSError:  # as full as before: a bag without it can be read, one with half of it cannot
             listed.unlink(missing_ok=True)
 
     def _metadata(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class _Saved:
 
 
 def _end_of_file() -> bytes:
-    """The end of an MCAP file without a summary."""
+    """Returns the end of an MCAP file without a summary."""
     records = RecordBuilder()
     DataEnd(data_section_crc=0).write(records)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(records)
@@ -183,7 +183,7 @@ def _end_of_file() -> bytes:
 
 
 class _File:
-    """A file without a buffer of its own: what `write` has returned from is with the operating system."""
+    """A file without a buffer: what `write` has returned from is with the operating system."""
 
     def __init__(self, path: Path) -> None:
         self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

@@ -1,4 +1,4 @@
-"""The arguments that commands share which run a graph on bags."""
+"""The arguments of the commands that run a graph on bags."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def add_bag_and_graph(parser: ArgumentParser, many: bool = False) -> None:
 
 
 def open_bag(path: Path, options: Namespace) -> RemappedBag:
-    """The bag under the names that --remap gives."""
+    """Opens a bag, its topics under the names that --remap gives."""
     from ..bag.reader import Bag
     from ..bag.remap import RemappedBag, remaps
 

@@ -36,14 +36,14 @@ class Layout:
     columns: tuple[tuple[str, str], ...]
 
     def allowed(self, kind: str) -> tuple[str, ...]:
-        """The types that a column declared as `kind` may have."""
+        """Returns the types that a column declared as `kind` may have."""
         also = _ALSO.get(self.name, {}).get(kind)
         return (kind, also) if also else (kind,)
 
 
 @cache
 def layout(name: str) -> Layout:
-    """The layout declared in msg_defs/<name>.msg."""
+    """Reads the layout that msg_defs/<name>.msg declares."""
     columns = []
     for line in resource(f"msg_defs/{name}.msg").read_text().splitlines():
         statement = line.split("#")[0].strip()
@@ -54,7 +54,7 @@ def layout(name: str) -> Layout:
 
 
 def record_to(make: Make, name: str, value: Any) -> Any:
-    """sensor_msgs/PointCloud2 rows of the record `name` from a core type with one array (or number) per column."""
+    """Builds the sensor_msgs/PointCloud2 of the record `name` from a core type with an array (or number) per column."""
     rows = rows_of(name, value)
     return make(
         RECORD,
@@ -65,13 +65,13 @@ def record_to(make: Make, name: str, value: Any) -> Any:
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=rows.nbytes,
-        data=make.octets(rows.tobytes()),
+        data=make.uint8_array(rows.tobytes()),
         is_dense=True,
     )
 
 
 def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
-    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
+    """Reads a core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
 
     Raises:
         ValueError: a column is missing or has another type, or the data do not have the length that they declare.
@@ -82,7 +82,7 @@ def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
 
 
 def value_of(name: str, kind: type, t_ns: int, frame_id: str, rows: AnyArray, single: bool) -> Any:
-    """A core type from structured rows (N,). Each column is in one piece: steps through rows would slow every use."""
+    """Makes a core type of structured rows (N,), its columns contiguous: strides would slow every later use."""
     columns: dict[str, Any] = {column: np.ascontiguousarray(rows[column]) for column, _ in layout(name).columns}
     if single:
         if len(next(iter(columns.values()))) != 1:
@@ -94,7 +94,7 @@ def value_of(name: str, kind: type, t_ns: int, frame_id: str, rows: AnyArray, si
 
 
 def rows_of(name: str, value: Any) -> AnyArray:
-    """Structured rows (N,) of the record from its columns (each (N,)); a type that may stand stays as it is."""
+    """Makes structured rows (N,) of the record from its columns (each (N,)), in the types that its layout allows."""
     given = [np.atleast_1d(getattr(value, column)) for column, _ in layout(name).columns]
     rows = np.empty(len(given[0]), _packed_type(name, tuple(column.dtype for column in given)))
     for column, values in zip(rows.dtype.names, given, strict=True):
@@ -111,7 +111,7 @@ def _packed_type(name: str, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any]:
 
 @cache
 def row_types(name: str) -> list[np.dtype[Any]]:
-    """Rows with the columns' declared types, and with those that may take their place."""
+    """Returns the row types with the declared column types, and with those that may take their place."""
     allowed = [(column, layout(name).allowed(kind)) for column, kind in layout(name).columns]
     count = max(len(kinds) for _, kinds in allowed)
     return [np.dtype([(column, kinds[min(k, len(kinds) - 1)]) for column, kinds in allowed]) for k in range(count)]
@@ -119,7 +119,7 @@ def row_types(name: str) -> list[np.dtype[Any]]:
 
 @lru_cache(maxsize=64)
 def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
-    """PointField contents of structured rows of this type."""
+    """Returns the contents of the PointFields that describe structured rows of this type."""
     described = [(name, *rows.fields[name][:2]) for name in rows.names or ()]  # type: ignore[index]
     return [
         {"name": name, "offset": int(offset), "datatype": _DATATYPES[kind.name], "count": 1}
@@ -128,7 +128,7 @@ def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
 
 
 def table(msg: Any) -> AnyArray:
-    """Structured view (N,) of any PointCloud2's rows: the columns of one number each; ValueError as `record_from`."""
+    """Returns a structured view (N,) of any PointCloud2's columns of one number; ValueError as `record_from`."""
     named = {field.name: field for field in msg.fields}
     plain = [(f.name, f.datatype, f.offset) for f in named.values() if f.count == 1 and f.datatype in _NUMPY]
     good = [column for column in plain if column[2] + _NUMPY[column[1]].itemsize <= msg.point_step]
@@ -147,7 +147,7 @@ def _rows(name: str, msg: Any, columns: tuple[_Column, ...]) -> AnyArray:
 
 @lru_cache(maxsize=64)
 def _row_type(columns: tuple[_Column, ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
-    """The dtype of a row: names, types and offsets of its columns."""
+    """Returns the dtype of a row with these columns."""
     formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for _, code, _ in columns]
     names, offsets = [name for name, _, _ in columns], [offset for _, _, offset in columns]
     layout: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": step}
@@ -156,7 +156,7 @@ def _row_type(columns: tuple[_Column, ...], is_bigendian: bool, step: int) -> np
 
 @lru_cache(maxsize=64)
 def _checked(name: str, given: tuple[tuple[str, int, int, int], ...], step: int) -> tuple[_Column, ...]:
-    """The record's columns among those of a message; ValueError with the first that is missing or of another type."""
+    """Returns the record's columns among a message's; ValueError for the first that is missing or of another type."""
     plan, named = layout(name), {field[0]: field for field in given}
     for column, kind in plan.columns:
         _check(name, column, plan.allowed(kind), named.get(column), step)

@@ -1,4 +1,4 @@
-"""`uwloc hash`: whether two runs agree."""
+"""`uwloc hash`: hashes by which two runs are compared."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..console import damage_code
 
-HELP = "a hash per topic of what a bag says, whatever wrote it"
+HELP = "a hash per topic of a bag's messages, whatever program wrote them"
 
 
 def add(parser: ArgumentParser) -> None:
@@ -19,7 +19,7 @@ def add(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Prints a hash per topic and one in all."""
+    """Prints a hash per topic and one of all."""
     from ...bag.fingerprint import fingerprints, overall
     from ...bag.reader import Bag
 

@@ -34,16 +34,16 @@ SCENARIO = Scenario(vehicle=_BOAT, pingers=PINGERS, duration=195.0)
 
 
 @dataclass(frozen=True)
-class Case:
-    """The correlation of the bearings' errors, and the correlation time in s that the filter is told."""
+class BearingErrorModel:
+    """The correlation of the bearings' errors, and the correlation time in s that the filter assumes."""
 
     correlation: float
-    told: float
+    assumed: float
 
 
-WHITE = Case(0.0, 0.0)
-IGNORED = Case(CORRELATION, 0.0)
-HANDLED = Case(CORRELATION, -0.1 / math.log(CORRELATION))
+WHITE = BearingErrorModel(0.0, 0.0)
+IGNORED = BearingErrorModel(CORRELATION, 0.0)
+HANDLED = BearingErrorModel(CORRELATION, -0.1 / math.log(CORRELATION))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Snapshot:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class SlamRun:
     """One run; everything in map, a snapshot per odometry."""
 
     snapshots: tuple[Snapshot, ...]
@@ -87,19 +87,19 @@ class End:
     drift: float  # m, of the dead reckoning at the end
 
 
-def ends(case: Case, runs: int, seed: int, tell: Callable[[float], None]) -> list[End]:
-    """Runs with a seed of their own each; `tell` gets the share that is done."""
+def ends(case: BearingErrorModel, runs: int, seed: int, progress: Callable[[float], None]) -> list[End]:
+    """Runs with a seed of their own each; `progress` gets the share that is done."""
     found = []
     for k in range(runs):
         found.append(end(trial(case, k, seed)))
-        tell((k + 1) / runs)
+        progress((k + 1) / runs)
     return found
 
 
-def trial(case: Case, run: int, seed: int) -> Run:
+def trial(case: BearingErrorModel, run: int, seed: int) -> SlamRun:
     """One run with its history."""
     scenario = replace(SCENARIO, seed=int(np.random.SeedSequence([seed, run]).generate_state(1)[0]))
-    config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.told, range_max=RANGE_MAX)
+    config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.assumed, range_max=RANGE_MAX)
     passes, frame = SlamPasses(config), _Frame()
     heard: dict[str, list[tuple[float, float]]] = {name: [] for name in PLACES}
     snapshots, reckoned, truth = [], [], []
@@ -118,10 +118,10 @@ def trial(case: Case, run: int, seed: int) -> Run:
         else:
             truth.append(value.position[:2])
     arrays = {name: np.array(pairs) for name, pairs in heard.items()}
-    return Run(tuple(snapshots), np.array(truth), np.array(reckoned), arrays)
+    return SlamRun(tuple(snapshots), np.array(truth), np.array(reckoned), arrays)
 
 
-def end(run: Run) -> End:
+def end(run: SlamRun) -> End:
     """The last snapshot against the truth."""
     last = run.snapshots[-1]
     fixes = last.pingers
@@ -156,7 +156,7 @@ class _Frame:
         return Snapshot(time, self.fix(Fix(mean[:2], cov[:2, :2])), float(mean[YAW]) + self._yaw, pingers)
 
 
-def _events(scenario: Scenario, case: Case) -> Iterator[Event]:
+def _events(scenario: Scenario, case: BearingErrorModel) -> Iterator[Event]:
     heard = bearings(scenario, STD, case.correlation)
     return heapq.merge(VehicleSource(scenario).events(), heard, key=lambda event: event[0])
 
