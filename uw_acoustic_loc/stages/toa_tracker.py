@@ -9,16 +9,22 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import Emission, Input, Output, Stage, Status
 from ..core.toa.model import STATES, height_from_pressure
 from ..core.toa.paths import Net, make_net
 from ..core.toa.tracker import ToaConfig, ToaEstimate, ToaTracker
-from ..core.types import Array, ArrivalPaths, Arrivals, NodePositions, Odometry, Pressure, Scalar
+from ..core.types import Array, Arrivals, NodePositions, Odometry, Pressure, Scalar
+from ..topics import known
+
+_POSITIONS, _ARRIVALS = known("buoys/positions"), known("buoys/arrivals")
+_PRESSURE, _MOORING = known("pressure"), known("mooring/<id>/odometry")
+_ODOMETRY, _PATHS = known("target/odometry"), known("target/arrival_paths")
+_SOUND_SPEED, _SOUND_SPEED_STD = known("target/sound_speed"), known("target/sound_speed_std")
 
 UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of
 
 
-class ToaTrackerStage:
+class ToaTrackerStage(Stage):
     """One ToaTracker; the receivers come from the parameters, or else from `buoys/positions`.
 
     Pose and twist are both in the axes of map: the attitude is unknown and given as identity.
@@ -39,26 +45,20 @@ class ToaTrackerStage:
     @property
     def inputs(self) -> tuple[Input, ...]:
         rewind = self._config.rewind
-        arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map", rewind=rewind)
+        arrivals = _ARRIVALS.input(self._on_arrivals, frame="map", rewind=rewind)
         inputs = [arrivals]
         if self._config.pressure_std > 0:
-            inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
+            inputs.insert(0, _PRESSURE.input(self._on_pressure))
         for name, receiver in zip(self._config.mooring_ids, self._config.mooring_receivers, strict=True):
-            handler = partial(self._on_mooring, receiver)
-            inputs.insert(0, Input(f"mooring/{name}/odometry", Odometry, handler, frame="map"))
+            inputs.insert(0, _MOORING.input(partial(self._on_mooring, receiver), name, frame="map"))
         if not self._config.receiver_ids:
             once = not self._config.moving_receivers
-            inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=once))
+            inputs.insert(0, _POSITIONS.input(self._on_positions, frame="map", latched=once))
         return tuple(inputs)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        return (
-            Output("target/odometry", Odometry),
-            Output("target/sound_speed", Scalar),
-            Output("target/sound_speed_std", Scalar),
-            Output("target/arrival_paths", ArrivalPaths),
-        )
+        return tuple(row.output() for row in (_ODOMETRY, _SOUND_SPEED, _SOUND_SPEED_STD, _PATHS))
 
     def status(self) -> Status:
         if self._tracker is None:
@@ -128,11 +128,11 @@ class ToaTrackerStage:
             self._unused += 1
             return
         self._last = estimate
-        yield "target/odometry", _odometry(estimate)
-        yield "target/sound_speed", Scalar(estimate.t_ns, float(estimate.mean[6]))
-        yield "target/sound_speed_std", Scalar(estimate.t_ns, math.sqrt(float(estimate.cov[6, 6])))
+        yield _ODOMETRY.name, _odometry(estimate)
+        yield _SOUND_SPEED.name, Scalar(estimate.t_ns, float(estimate.mean[6]))
+        yield _SOUND_SPEED_STD.name, Scalar(estimate.t_ns, math.sqrt(float(estimate.cov[6, 6])))
         if estimate.paths:
-            yield "target/arrival_paths", estimate.paths
+            yield _PATHS.name, estimate.paths
 
 
 def _odometry(estimate: ToaEstimate) -> Odometry:
