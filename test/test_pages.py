@@ -1,17 +1,13 @@
 """The pages can be followed: every link and every file that they name exists, and the contract names every topic."""
 
-import dataclasses
 import re
 from pathlib import Path
 
 import pytest
 
 from uw_acoustic_loc.cli.main import COMMANDS
-from uw_acoustic_loc.contract import Input, Output
-from uw_acoustic_loc.resources import resource
-from uw_acoustic_loc.sim.catalog import SOURCES, make_source
-from uw_acoustic_loc.sim.scenario import load_scenario
-from uw_acoustic_loc.stages.catalog import STAGES, stage_class
+from uw_acoustic_loc.stages.catalog import STAGES
+from uw_acoustic_loc.topics import TOPICS
 
 REPO = Path(__file__).parents[1]
 DOCS = REPO / "docs"
@@ -67,20 +63,7 @@ def test_every_estimator_has_a_page() -> None:
 
 def test_the_contract_names_every_topic_record_and_command() -> None:
     contract = (DOCS / "contract.md").read_text()
-    named = {name.lstrip("/") for name in re.findall(r"`([\w/<>]+)`", contract)}
-    assert {topic for topic in topics() if topic.lstrip("/") not in named} == set()
+    named = {name.lstrip("/").replace("<vehicle>", "<id>") for name in re.findall(r"`([\w/<>]+)`", contract)}
+    assert {topic.name for topic in TOPICS if topic.name.lstrip("/") not in named} == set()
     assert {file.stem for file in (REPO / "msg_defs").glob("*.msg") if f"[{file.stem}]" not in contract} == set()
     assert {name for name in COMMANDS if f"`uwloc {name}" not in contract} == set()
-
-
-def topics() -> set[str]:
-    """Of the estimators, and of the harbour's drivers, as the contract writes them."""
-    scenario = load_scenario(resource("config/harbour/scenario.yaml"))
-    found: list[Input | Output] = [output for name in SOURCES for output in make_source(name, scenario).outputs]
-    for name in STAGES:
-        cls = stage_class(name)
-        required = {f.name: ("a",) for f in dataclasses.fields(cls.Config) if f.default is dataclasses.MISSING}
-        stage = cls(cls.Config(**required))
-        found += [*stage.inputs, *stage.outputs]
-    known = re.compile(r"(?<=/)auv1(?=/)|(?<=sources/)[abc](?=/)|(?<=mooring/)buoy1(?=/)")
-    return {known.sub(lambda m: "<vehicle>" if m[0] == "auv1" else "<id>", one.topic) for one in found}

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
-from ..core.bearing.estimator import BearingConfig, BearingEstimator, SourceTrack
+from ..core.bearing.config import BearingConfig
+from ..core.bearing.estimator import BearingEstimator, SourceTrack
 from ..core.types import HydrophoneInfo, Odometry, Samples
 from ..topics import known
 
