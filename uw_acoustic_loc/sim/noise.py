@@ -1,4 +1,4 @@
-"""What the hydrophones hear when nothing pings: white and ambient noise, and snapping shrimp."""
+"""The noise that the hydrophones receive: white and ambient noise, and snapping shrimp."""
 
 from __future__ import annotations
 
@@ -29,13 +29,16 @@ class GaussianNoise:
         self._amplitude = np.sqrt(density * array.sample_rate * self._length / 4.0).astype(np.float32)
 
     def draw(self, rng: np.random.Generator) -> AnyArray:
-        """(2, size) float32 Pa."""
+        """Draws (2, size) float32 Pa."""
         spectrum = rng.standard_normal((2, 2 * self._amplitude.size), dtype=np.float32).view(np.complex64)
         return np.asarray(fft.irfft(spectrum * self._amplitude, self._length)[:, : self._size])
 
 
 def ambient_density(frequency: Array, env: Environment) -> Array:
-    """Pa^2/Hz, one-sided, at frequencies (n,) in Hz. 65 dB at 1 kHz and -17 dB/decade: 48 dB at 10 kHz."""
+    """Returns the one-sided density (n,) in Pa^2/Hz at frequencies (n,) in Hz.
+
+    With 65 dB at 1 kHz and -17 dB/decade it is 48 dB at 10 kHz.
+    """
     if env.ambient_level == 0.0:
         return np.zeros(frequency.shape)
     decades = np.log10(np.maximum(frequency, 1e3) / 1e3)
@@ -45,9 +48,9 @@ def ambient_density(frequency: Array, env: Environment) -> Array:
 def add_snaps(pressure: AnyArray, env: Environment, array: Hydrophones, rng: np.random.Generator) -> None:
     """Adds the snaps of a frame to the pressure (2, N): alpha-stable amplitudes, Poisson in time.
 
-    A snap is a plane wave from a direction uniform over the sphere, so both hydrophones hear it with the TDOA of that
-    direction; one that crosses the frame's end is cut there. Amplitudes that follow a stable law make the noise as a
-    whole stable in its tails (Nikias & Shao 1995, ch. 2; Chitre, Potter, Ong 2006 measured alpha near 1.7).
+    A snap is a plane wave from a direction uniform over the sphere, so both hydrophones receive it with the TDOA of
+    that direction; one that crosses the frame's end is cut there. Amplitudes that follow a stable law make the whole
+    noise stable in its tails (Nikias & Shao 1995, ch. 2; Chitre, Potter, Ong 2006 measured alpha near 1.7).
     """
     size, rate = pressure.shape[1], array.sample_rate
     count = int(rng.poisson(env.snap_rate * size / rate))

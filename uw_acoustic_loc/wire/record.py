@@ -72,7 +72,7 @@ def record_to(make: Make, plan: Layout, value: Any) -> Any:
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=rows.nbytes,
-        data=make.octets(rows.tobytes()),
+        data=make.uint8_array(rows.tobytes()),
         is_dense=True,
     )
 

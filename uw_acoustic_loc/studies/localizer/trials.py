@@ -1,6 +1,6 @@
 """Shin et al.'s two geometries and their bearings, and every estimator's answers.
 
-All is told in the frame that moves with the source: it stays, and the vehicle moves to the right. Points are complex
+Everything is in the frame that moves with the source: it stays, and the vehicle moves to the right. Points are complex
 numbers x + iy in m; bearings and answers are arrays (runs, SAMPLES).
 """
 
