@@ -29,7 +29,7 @@ class BearingStage:
     def inputs(self) -> tuple[Input, ...]:
         return (
             Input("hydrophones/info", HydrophoneInfo, self._on_info, frame="hydrophone_array", latched=True),
-            Input("odometry", Odometry, self._on_odometry),
+            Input("odometry", Odometry, self._on_odometry, optional=True),
             Input("hydrophones/samples", Samples, self._on_samples, frame="hydrophone_array", until_ns=self._end_ns),
         )
 

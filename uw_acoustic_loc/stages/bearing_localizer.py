@@ -35,10 +35,11 @@ class BearingLocalizerStage:
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (
-            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
+            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), "base_link", upstream=1)
             for name in self._sources
         )
-        return (Input("odometry", Odometry, self._on_odometry, frame="odom"), *bearings)
+        odometry = Input("odometry", Odometry, self._on_odometry, frame="odom", upstream=2)  # SLAM's, perhaps
+        return (odometry, *bearings)
 
     @property
     def outputs(self) -> tuple[Output, ...]:

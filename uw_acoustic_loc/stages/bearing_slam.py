@@ -34,7 +34,7 @@ class BearingSlamStage:
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (
-            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
+            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), "base_link", upstream=1)
             for name in self._slam.config.source_ids
         )
         return (

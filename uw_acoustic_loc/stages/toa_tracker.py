@@ -45,7 +45,7 @@ class ToaTrackerStage:
             inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
         for name, receiver in zip(self._config.mooring_ids, self._config.mooring_receivers, strict=True):
             handler = partial(self._on_mooring, receiver)
-            inputs.insert(0, Input(f"mooring/{name}/odometry", Odometry, handler, frame="map"))
+            inputs.insert(0, Input(f"mooring/{name}/odometry", Odometry, handler, frame="map", upstream=1))
         if not self._config.receiver_ids:
             once = not self._config.moving_receivers
             inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=once))
