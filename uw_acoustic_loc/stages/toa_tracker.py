@@ -9,16 +9,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import Emission, Input, Output, Stage, Status
+from ..core.toa.config import ToaConfig
 from ..core.toa.model import STATES, height_from_pressure
 from ..core.toa.paths import Net, make_net
-from ..core.toa.tracker import ToaConfig, ToaEstimate, ToaTracker
-from ..core.types import Array, ArrivalPaths, Arrivals, NodePositions, Odometry, Pressure, Scalar
+from ..core.toa.tracker import ToaEstimate, ToaTracker
+from ..core.types import Array, Arrivals, NodePositions, Odometry, Pressure, Scalar
+from ..topics import known
+
+_POSITIONS, _ARRIVALS = known("buoys/positions"), known("buoys/arrivals")
+_PRESSURE, _MOORING = known("pressure"), known("mooring/<id>/odometry")
+_ODOMETRY, _PATHS = known("target/odometry"), known("target/arrival_paths")
+_SOUND_SPEED, _SOUND_SPEED_STD = known("target/sound_speed"), known("target/sound_speed_std")
 
 UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of
 
 
-class ToaTrackerStage:
+class ToaTrackerStage(Stage):
     """One ToaTracker; the receivers come from the parameters, or else from `buoys/positions`.
 
     Pose and twist are both in the axes of map: the attitude is unknown and given as identity.
@@ -33,32 +40,26 @@ class ToaTrackerStage:
         self._tracker: ToaTracker | None = None
         self._last: ToaEstimate | None = None
         self._unused = 0
-        if config.receiver_ids:
-            self._use(list(config.receiver_ids), np.array(config.receiver_positions).reshape(-1, 3))
+        if config.receivers.receiver_ids:
+            self._use(list(config.receivers.receiver_ids), np.array(config.receivers.receiver_positions).reshape(-1, 3))
 
     @property
     def inputs(self) -> tuple[Input, ...]:
         rewind = self._config.rewind
-        arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map", rewind=rewind)
+        arrivals = _ARRIVALS.input(self._on_arrivals, frame="map", rewind=rewind)
         inputs = [arrivals]
-        if self._config.pressure_std > 0:
-            inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
-        for name, receiver in zip(self._config.mooring_ids, self._config.mooring_receivers, strict=True):
-            handler = partial(self._on_mooring, receiver)
-            inputs.insert(0, Input(f"mooring/{name}/odometry", Odometry, handler, frame="map", upstream=1))
-        if not self._config.receiver_ids:
-            once = not self._config.moving_receivers
-            inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=once))
+        if self._config.pressure.pressure_std > 0:
+            inputs.insert(0, _PRESSURE.input(self._on_pressure))
+        receivers = self._config.receivers
+        for name, receiver in zip(receivers.mooring_ids, receivers.mooring_receivers, strict=True):
+            inputs.insert(0, _MOORING.input(partial(self._on_mooring, receiver), name, frame="map"))
+        if not receivers.receiver_ids:
+            inputs.insert(0, _POSITIONS.input(self._on_positions, frame="map", latched=not receivers.moving_receivers))
         return tuple(inputs)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        return (
-            Output("target/odometry", Odometry),
-            Output("target/sound_speed", Scalar),
-            Output("target/sound_speed_std", Scalar),
-            Output("target/arrival_paths", ArrivalPaths),
-        )
+        return tuple(row.output() for row in (_ODOMETRY, _SOUND_SPEED, _SOUND_SPEED_STD, _PATHS))
 
     def status(self) -> Status:
         if self._tracker is None:
@@ -96,12 +97,12 @@ class ToaTrackerStage:
         if measured.variance < 0 or measured.pressure < 0:
             raise ValueError(f"pressure must not be negative, got {measured.pressure:g} Pa, {measured.variance:g} Pa^2")
         if self._tracker:
-            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config)
+            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config.pressure)
             self._tracker.measure_height(measured.t_ns, z, variance)
         yield from ()
 
     def _use(self, ids: list[int], positions: Array) -> None:
-        make_net(ids, positions, self._config.bottom_depth)  # refuses what is wrong before anything is kept
+        make_net(ids, positions, self._config.water.bottom_depth)  # refuses what is wrong before anything is kept
         self._nodes = (ids, positions)
         self._refresh()
 
@@ -118,7 +119,7 @@ class ToaTrackerStage:
     def _net(self, ids: list[int], positions: Array) -> Net:
         swayed = np.array([self._swayed.get(name, (0.0, 0.0)) for name in ids])
         moved = positions + np.outer(swayed[:, 0], [1.0, 0.0, 0.0])
-        return make_net(ids, moved, self._config.bottom_depth, swayed[:, 1])
+        return make_net(ids, moved, self._config.water.bottom_depth, swayed[:, 1])
 
     def _on_arrivals(self, arrivals: Arrivals) -> Iterator[Emission]:
         if self._tracker is None:
@@ -128,11 +129,11 @@ class ToaTrackerStage:
             self._unused += 1
             return
         self._last = estimate
-        yield "target/odometry", _odometry(estimate)
-        yield "target/sound_speed", Scalar(estimate.t_ns, float(estimate.mean[6]))
-        yield "target/sound_speed_std", Scalar(estimate.t_ns, math.sqrt(float(estimate.cov[6, 6])))
+        yield _ODOMETRY.name, _odometry(estimate)
+        yield _SOUND_SPEED.name, Scalar(estimate.t_ns, float(estimate.mean[6]))
+        yield _SOUND_SPEED_STD.name, Scalar(estimate.t_ns, math.sqrt(float(estimate.cov[6, 6])))
         if estimate.paths:
-            yield "target/arrival_paths", estimate.paths
+            yield _PATHS.name, estimate.paths
 
 
 def _odometry(estimate: ToaEstimate) -> Odometry:

@@ -38,6 +38,19 @@ class Codec:
     decode: Callable[[Any, int], Any]
     cdr: FlatForm | RecordForm | None = None
 
+    def from_cdr(self, data: bytes, deserialize: Callable[[bytes, str], Any], received_ns: int) -> Any:
+        """A core value from CDR bytes; `deserialize(data, msgtype)` makes the message where one is needed.
+
+        Raises:
+            ValueError: the bytes are no such message, or it says what cannot be.
+        """
+        value = self.cdr.unpack(data) if self.cdr else None
+        return self.decode(deserialize(data, self.msgtype), received_ns) if value is None else value
+
+    def to_cdr(self, value: Any, serialize: Callable[[Any, str], bytes], make: Make) -> bytes:
+        """CDR bytes of a core value; `serialize(message, msgtype)` makes them where a message is needed."""
+        return self.cdr.pack(value) if self.cdr else serialize(self.encode(make, value), self.msgtype)
+
 
 def codec(kind: type) -> Codec:
     """The codec of a core type."""

@@ -10,18 +10,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..bag.about import about_graph
-from ..graph import GraphNode
-from ..resolved_graph import DriverWiring, Wiring
-from ..sim.catalog import SOURCES
-from ..stages.catalog import STAGES
-from ..wire.codec import codec
+from ...bag.about import about_graph
+from ...graph import GraphNode
+from ...resolved_graph import ResolvedDriver, ResolvedNode
+from ...sim.catalog import SOURCES
+from ...stages.catalog import STAGES
+from ...wire.codec import codec
 
 _OURS = (*SOURCES, *STAGES, "recorder", "player")
+_PROGRAM = str(__package__).rpartition(".")[0]  # python -m
+RECORDER = "/recorder"  # its full name
 LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
 
 
-def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWiring | None) -> list[str]:
+def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: ResolvedDriver | None) -> list[str]:
     """Program and ROS arguments of a node.
 
     Raises:
@@ -50,8 +52,8 @@ def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWir
     return _program(node, graph) + arguments
 
 
-def recorder_node(bag: Path, wirings: Sequence[Wiring]) -> GraphNode:
-    """The recorder of all that a graph publishes. With other packages' nodes in it, it looks what appears."""
+def recorder_node(bag: Path, wirings: Sequence[ResolvedNode]) -> GraphNode:
+    """The recorder of all that a graph publishes. With other packages' nodes in it, it records whatever appears."""
     outputs = [(topic, output) for wiring in wirings for topic, output in wiring.outputs.items()]
     pairs = [f"{topic} {codec(output.kind).msgtype}" for topic, output in outputs]
     pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
@@ -61,12 +63,12 @@ def recorder_node(bag: Path, wirings: Sequence[Wiring]) -> GraphNode:
     if all(wiring.node.executable in _OURS for wiring in wirings):
         params |= {"topics": f"[{', '.join(pairs)}]"}
         params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
-    return GraphNode("recorder", "recorder", "/", None, {}, params)
+    return GraphNode("recorder", RECORDER.strip("/"), "/", None, {}, params)
 
 
 def _program(node: GraphNode, graph: Path) -> list[str]:
     if node.executable in _OURS:
-        return [sys.executable, "-m", str(__package__), node.executable]
+        return [sys.executable, "-m", _PROGRAM, node.executable]
     package, _, executable = node.executable.partition("/")
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         path = Path(prefix, "lib", package, executable)
