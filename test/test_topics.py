@@ -1,4 +1,4 @@
-"""The table of topics: everything that our nodes publish and subscribe to stands in it, and full names find their row."""
+"""The table of topics: all that our nodes publish and subscribe to stands in it, and full names find their row."""
 
 from pathlib import Path
 

@@ -16,7 +16,7 @@ from typing import Any
 from ..contract import Emission, Output
 from ..graph import Graph
 from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
-from ..stages.catalog import STAGES, is_stage, other_stages
+from ..stages.catalog import is_stage, stage_names
 from ..stages.runner import Refusal, Runner
 from .rosbags_messages import decode, encode
 
@@ -29,7 +29,7 @@ class _Member:
     """An estimator, with the full names of its outputs, and what has come for it."""
 
     def __init__(self, stage: ResolvedStage, tell: Callable[[str, Refusal], None]) -> None:
-        name = stage.node.full_name
+        self.name = name = stage.node.full_name
         self.runner = Runner(stage.make_stage, stage.lateness, lambda refusal: tell(name, refusal))
         self.names = {output.topic: topic for topic, output in stage.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
@@ -46,7 +46,7 @@ class Pipeline:
     def __init__(self, graph: Graph, publish: Publish, tell: Callable[[str, Refusal], None]) -> None:
         stages = upstream_first([resolve_stage(node) for node in graph.nodes if is_stage(node.executable)])
         if not stages:
-            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join([*STAGES, *other_stages()])})")
+            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(stage_names())})")
         self._publish = publish
         self._members = [_Member(stage, tell) for stage in stages]
         self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)
@@ -59,6 +59,11 @@ class Pipeline:
                 kinds[topic] = wanted.kind
         self.inputs = {topic: kind for topic, kind in kinds.items() if topic not in self.outputs}
         self._loops = any(set(w.inputs) & set(fed.outputs) for k, w in enumerate(stages) for fed in stages[k:])
+
+    @property
+    def runners(self) -> dict[str, Runner]:
+        """What drives each estimator, by the node's full name."""
+        return {member.name: member.runner for member in self._members}
 
     def push(self, batch: Iterable[Message]) -> None:
         """Gives messages to all that subscribe, and what they publish to those that subscribe to that."""

@@ -16,7 +16,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from .. import __version__
+from ..version import __version__
 from .definitions import jazzy_definition
 from .storage.stored import Definition, Topic
 
@@ -62,7 +62,7 @@ class BagWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages written per topic."""
+        """How many messages were written per topic."""
         counts: dict[str, int] = {}
         for (name, _), topic in self._topics.items():
             counts[name] = counts.get(name, 0) + topic["message_count"]
@@ -101,7 +101,7 @@ class BagWriter:
         return self._schemas[key]
 
     def write(self, name: str, t_ns: int, data: bytes, published_ns: int = 0) -> None:
-        """Appends a message of a declared topic: the instant it was received, its CDR bytes."""
+        """Appends the CDR bytes of a message of a declared topic, received at t_ns."""
         if not self._open:
             return
         key = (name, self._types[name])
@@ -148,7 +148,7 @@ class BagWriter:
         return {key: topic["message_count"] for key, topic in self._topics.items()}
 
     def _forget_lost(self) -> None:
-        """What had not reached the file does not count."""
+        """Takes back the counts of what has not reached the file."""
         for key, topic in self._topics.items():
             topic["message_count"] = self._saved.counts.get(key, 0)
         self._first, self._last = self._saved.first, self._saved.last
@@ -159,7 +159,7 @@ class BagWriter:
         listed = self.path / "metadata.yaml"
         try:
             listed.write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
-        except OSError:  # as full as before: a bag without it can be read, one with half of it is a riddle
+        except OSError:  # as full as before: a bag without it can be read, one with half of it cannot
             listed.unlink(missing_ok=True)
 
     def _metadata(self) -> dict[str, Any]:
@@ -206,7 +206,7 @@ class _Saved:
 
 
 def _end_of_file() -> bytes:
-    """The end of an MCAP file without a summary."""
+    """Returns the end of an MCAP file without a summary."""
     records = RecordBuilder()
     DataEnd(data_section_crc=0).write(records)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(records)
@@ -214,7 +214,7 @@ def _end_of_file() -> bytes:
 
 
 class _File:
-    """A file without a buffer of its own: what `write` has returned from is with the operating system."""
+    """A file without a buffer: what `write` has returned from is with the operating system."""
 
     def __init__(self, path: Path) -> None:
         self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)

@@ -11,6 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ..contract import Status
+from ..stages.runner import REFUSED
 from .qos import PUBLISHER, overridable
 
 _SILENT_S = 5.0  # no input for so long is STALE
@@ -65,7 +66,7 @@ class InputWatch:
         values |= {f"{t} rate (Hz)": fresh[t, w] / seconds for t, w in counts if w == "received"}
         values |= stage.values
         level, message = stage.level, stage.message
-        refused = [f"{n} {what} on {topic}" for (topic, what), n in fresh.items() if n > 0 and what in _REFUSED]
+        refused = [f"{n} {what} on {topic}" for (topic, what), n in fresh.items() if n > 0 and what in REFUSED]
         if problems:
             level, message = Status.ERROR, "; ".join(problems)
         elif silent > _SILENT_S:
@@ -75,9 +76,6 @@ class InputWatch:
         elif refused:
             level, message = max(level, Status.WARN), f"in the last second: {', '.join(refused)}"
         return Status(level, message, values)
-
-
-_REFUSED = ("rejected", "malformed", "late", "overflowed")
 
 
 def _text(value: Any) -> str:

@@ -40,11 +40,11 @@ class RosMake:
     def __call__(self, msgtype: str, **fields: Any) -> Any:
         return message_class(msgtype)(**fields)
 
-    def octets(self, data: bytes) -> array[int]:
+    def uint8_array(self, data: bytes) -> array[int]:
         """An array of bytes: the only form that rclpy's setter takes without looking at every element."""
-        octets = array("B")
-        octets.frombytes(data)
-        return octets
+        values = array("B")
+        values.frombytes(data)
+        return values
 
 
 _MAKE = RosMake()

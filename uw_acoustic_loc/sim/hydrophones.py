@@ -1,4 +1,4 @@
-"""The vehicle's two hydrophones: every pinger's pings with their reflections, noise, and the converter."""
+"""The vehicle's two hydrophones: every pinger's pings with their reflections, noise, thrusters, and the converter."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ import numpy as np
 from ..contract import Event, Output
 from ..core.geometry import hydrophone_positions, rotation_from_rpy
 from ..core.types import AnyArray, Array, HydrophoneInfo, Point, Samples
-from .acoustics import absorption, images, pings, pulse, tone_phases
+from .acoustics import absorption, images, pings, pulse, sounding, tone_phases
 from .channel import Knots, Paths, Ping, Reception
 from .converter import convert, scale
 from .environment import SoundSpeed
-from .noise import GaussianNoise, add_snaps
-from .scenario import Environment, Pinger, Scenario
+from .noise import GaussianNoise, ThrusterNoise, add_snaps
+from .scenario import Pinger, Scenario
 from .trajectory import Trajectory
+from .water import Environment
 
 _KEY = 0x4A7D  # keeps this noise apart from the other sensors'
 _PULSE_KEY = 0x4A7E  # of the noise pulses
+_THRUSTER_KEY = 0x4A7F
 
 
 class HydrophoneSource:
@@ -43,6 +45,8 @@ class HydrophoneSource:
         self._paths = [_paths(p, env) for p in scenario.pingers]
         self._knots = Knots(self._size, self._array.sample_rate)
         self._noise = GaussianNoise(env, self._array, self._size)
+        thrusters = scenario.vehicle.thrusters
+        self._thrusters = [ThrusterNoise(t, scenario, self._in_base, self._trajectory) for t in thrusters]
         self._impulses = self._array.impulses.on(self._array.noise_std)
 
     @property
@@ -65,6 +69,8 @@ class HydrophoneSource:
         rng = self._scenario.rng(_KEY, k)
         pressure = self._impulses.strike(rng, self._noise.draw(rng))
         add_snaps(pressure, self._scenario.environment, self._array, rng)
+        for which, thruster in enumerate(self._thrusters):
+            thruster.add(pressure, begin, self._scenario.rng(_THRUSTER_KEY, which, k))
         self._add_pings(begin, pressure)
         h0, h1 = convert(pressure, self._array)
         return Samples(self._scenario.t_ns(begin), h0, h1)
@@ -94,7 +100,7 @@ class HydrophoneSource:
 
     def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[Ping]:
         """The pings of a pinger that may be heard at the times, at a distance within reach."""
-        env, length = self._scenario.environment, pinger.pulse_length
+        env, length = self._scenario.environment, sounding(pinger)
         slowest, fastest = env.sound_speed - env.sound_speed_range, env.sound_speed + env.sound_speed_range
         for n in pings(pinger, times.min() - reach[1] / slowest - length, times.max() - reach[0] / fastest):
             emission = pinger.offset + n * pinger.period

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
-from ..core.bearing.estimator import BearingConfig, BearingEstimator, SourceTrack
+from ..core.bearing.config import BearingConfig
+from ..core.bearing.estimator import BearingEstimator, SourceTrack
 from ..core.types import HydrophoneInfo, Odometry, Samples
 from ..topics import known
 
@@ -33,7 +34,7 @@ class BearingStage(Stage):
     def inputs(self) -> tuple[Input, ...]:
         return (
             _INFO.input(self._on_info, frame="hydrophone_array"),
-            _ODOMETRY.input(self._on_odometry),
+            _ODOMETRY.input(self._on_odometry, optional=True),
             _SAMPLES.input(self._on_samples, frame="hydrophone_array", until_ns=self._end_ns),
         )
 

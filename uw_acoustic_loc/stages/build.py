@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..config import build
+from ..config import build, values_of
+from ..config import parameters as parameters_of
 from ..contract import Stage
 from .catalog import stage_class
 from .runner import RunnerConfig
@@ -28,7 +28,7 @@ class ConfiguredStage:
     @property
     def settings(self) -> dict[str, Any]:
         """All parameters, defaults included."""
-        return {**dataclasses.asdict(self.config), **dataclasses.asdict(self.runner)}
+        return {**values_of(self.config), **values_of(self.runner)}
 
 
 def configure(executable: str, parameters: Mapping[str, Any], where: str) -> ConfiguredStage:
@@ -37,13 +37,13 @@ def configure(executable: str, parameters: Mapping[str, Any], where: str) -> Con
     Raises:
         ValueError: one sentence naming `where`, the key, the value and what is allowed.
     """
-    shared = {field.name for field in dataclasses.fields(RunnerConfig)}
+    shared = set(parameters_of(RunnerConfig))
     own = {key: value for key, value in parameters.items() if key not in shared}
     try:
         cls = stage_class(executable)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
-    if taken := shared & {field.name for field in dataclasses.fields(cls.Config)}:
+    if taken := shared & set(parameters_of(cls.Config)):
         raise ValueError(f"{where}: {cls.__name__} must not have a parameter {', '.join(taken)}: every stage has it")
     config: Any = build(cls.Config, own, where)
     runner = build(RunnerConfig, {key: value for key, value in parameters.items() if key in shared}, where)

@@ -10,9 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Stage, Status
+from ..core.toa.config import ToaConfig
 from ..core.toa.model import STATES, height_from_pressure
 from ..core.toa.paths import Net, make_net
-from ..core.toa.tracker import ToaConfig, ToaEstimate, ToaTracker
+from ..core.toa.tracker import ToaEstimate, ToaTracker
 from ..core.types import Array, Arrivals, NodePositions, Odometry, Pressure, Scalar
 from ..topics import known
 
@@ -39,21 +40,21 @@ class ToaTrackerStage(Stage):
         self._tracker: ToaTracker | None = None
         self._last: ToaEstimate | None = None
         self._unused = 0
-        if config.receiver_ids:
-            self._use(list(config.receiver_ids), np.array(config.receiver_positions).reshape(-1, 3))
+        if config.receivers.receiver_ids:
+            self._use(list(config.receivers.receiver_ids), np.array(config.receivers.receiver_positions).reshape(-1, 3))
 
     @property
     def inputs(self) -> tuple[Input, ...]:
         rewind = self._config.rewind
         arrivals = _ARRIVALS.input(self._on_arrivals, frame="map", rewind=rewind)
         inputs = [arrivals]
-        if self._config.pressure_std > 0:
+        if self._config.pressure.pressure_std > 0:
             inputs.insert(0, _PRESSURE.input(self._on_pressure))
-        for name, receiver in zip(self._config.mooring_ids, self._config.mooring_receivers, strict=True):
+        receivers = self._config.receivers
+        for name, receiver in zip(receivers.mooring_ids, receivers.mooring_receivers, strict=True):
             inputs.insert(0, _MOORING.input(partial(self._on_mooring, receiver), name, frame="map"))
-        if not self._config.receiver_ids:
-            once = not self._config.moving_receivers
-            inputs.insert(0, _POSITIONS.input(self._on_positions, frame="map", latched=once))
+        if not receivers.receiver_ids:
+            inputs.insert(0, _POSITIONS.input(self._on_positions, frame="map", latched=not receivers.moving_receivers))
         return tuple(inputs)
 
     @property
@@ -96,12 +97,12 @@ class ToaTrackerStage(Stage):
         if measured.variance < 0 or measured.pressure < 0:
             raise ValueError(f"pressure must not be negative, got {measured.pressure:g} Pa, {measured.variance:g} Pa^2")
         if self._tracker:
-            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config)
+            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config.pressure)
             self._tracker.measure_height(measured.t_ns, z, variance)
         yield from ()
 
     def _use(self, ids: list[int], positions: Array) -> None:
-        make_net(ids, positions, self._config.bottom_depth)  # refuses what is wrong before anything is kept
+        make_net(ids, positions, self._config.water.bottom_depth)  # refuses what is wrong before anything is kept
         self._nodes = (ids, positions)
         self._refresh()
 
@@ -118,7 +119,7 @@ class ToaTrackerStage(Stage):
     def _net(self, ids: list[int], positions: Array) -> Net:
         swayed = np.array([self._swayed.get(name, (0.0, 0.0)) for name in ids])
         moved = positions + np.outer(swayed[:, 0], [1.0, 0.0, 0.0])
-        return make_net(ids, moved, self._config.bottom_depth, swayed[:, 1])
+        return make_net(ids, moved, self._config.water.bottom_depth, swayed[:, 1])
 
     def _on_arrivals(self, arrivals: Arrivals) -> Iterator[Emission]:
         if self._tracker is None:

@@ -40,8 +40,8 @@ _STAMPED_POSE = _part("PoseWithCovarianceStamped", pose=_POSE)
 
 
 def _finite(values: Array, parts: Mapping[str, slice]) -> None:
-    """Raises ValueError with the part that is not finite; what is in no part may be anything."""
-    if math.isfinite(values.dot(values)):  # the fastest look at all of them
+    """Raises ValueError naming the part that is not finite; numbers outside all parts are not checked."""
+    if math.isfinite(values.dot(values)):  # the fastest check of all of them
         return
     for what, part in parts.items():
         if not math.isfinite(values[part].sum()):
@@ -94,7 +94,7 @@ ODOMETRY = FlatForm(
 
 
 def _bearing_to(value: Bearing) -> Flat:
-    """Yaw = bearing, covariance[35] = its variance."""
+    """Puts the bearing into the yaw and its variance into covariance[35]."""
     values = np.zeros(43)
     values[:3], values[3:7] = value.position, quat_from_yaw(value.bearing)
     values[7], values[42] = -1.0, value.variance
@@ -116,7 +116,7 @@ BEARING = FlatForm(_STAMPED_POSE, _bearing_to, _bearing_from)
 
 
 def _position_to(value: Position) -> Flat:
-    """Without an orientation (its variances are -1)."""
+    """Leaves the orientation unknown (its variances are -1)."""
     values = np.zeros(43)
     values[:3], values[6] = value.position, 1.0
     _cov_without_turn(value.cov, values[7:])
@@ -134,7 +134,7 @@ POSITION = FlatForm(_STAMPED_POSE, _position_to, _position_from)
 
 
 def _imu_to(value: Imu) -> Flat:
-    """Without an orientation (its covariance is -1)."""
+    """Leaves the orientation unknown (its covariance is -1)."""
     values = np.zeros(37)
     values[3], values[4] = 1.0, -1.0
     values[13:16], values[16:25] = value.angular, value.angular_cov.ravel()
@@ -173,7 +173,7 @@ IMU = FlatForm(
 
 
 def _body_velocity_to(value: BodyVelocity) -> Flat:
-    """Angular unknown."""
+    """Leaves the angular velocity unknown."""
     values = np.zeros(42)
     values[:3] = value.linear
     _cov_without_turn(value.linear_cov, values[6:])
@@ -226,11 +226,11 @@ def _cov_without_turn(cov: Array, out: Array) -> None:
 
 
 def scalar_to(make: Make, value: Scalar) -> Any:
-    """std_msgs/Float64."""
+    """Builds a std_msgs/Float64."""
     return make("std_msgs/msg/Float64", data=float(value.value))
 
 
 def scalar_from(msg: Any, t_ns: int) -> Scalar:
-    """From std_msgs/Float64, with the instant at which it came (the message has no stamp)."""
+    """Reads a std_msgs/Float64; the stamp is the instant of reception, because the message has none."""
     _finite(np.array([msg.data]), {"data": slice(1)})
     return Scalar(t_ns, float(msg.data))

@@ -19,12 +19,12 @@ def add(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Starts a graph and stays with it."""
+    """Starts a graph and watches it to its end."""
     return launch_graph(options.graph, options.record, options.duration)
 
 
 def launch_graph(graph: Path, record: Path | None, duration: float) -> int:
-    """Runs a graph file's nodes until the duration is over (0 = until stopped); the exit code."""
+    """Runs a graph file's nodes until the duration is over (0 = until stopped); returns the exit code."""
     from ...graph import load_graph
     from ...ros.orchestrator.launcher import Launcher, LaunchOptions
 

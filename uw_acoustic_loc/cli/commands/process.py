@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -34,12 +35,16 @@ def run(options: Namespace) -> int:
 
 
 def _process_one(path: Path, options: Namespace) -> int:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # as in a node: other numbers of threads round differently
+        os.environ.setdefault(name, "1")
     from ...bag.process import OfflineRun
     from ...graph import load_graph
 
     bag = open_bag(path, options)
-    tell = _Refusals()
-    run = OfflineRun(bag, load_graph(options.graph), tell)
+    refusals = _Refusals()
+    run = OfflineRun(bag, load_graph(options.graph), refusals)
+    for node in run.left_out:
+        STDERR.print(f"note: {node.full_name} is left out: {node.executable} is no estimator that is installed here")
     for topic in run.missing:
         STDERR.print(f"note: the bag has no {topic}")
     begun = time.monotonic()
@@ -49,12 +54,12 @@ def _process_one(path: Path, options: Namespace) -> int:
     seconds = time.monotonic() - begun
     speed = (last - first) * 1e-9 / max(seconds, 1e-9)
     STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
-    tell.summary()
+    refusals.summary()
     return damage_code(bag.damage)
 
 
 class _Refusals:
-    """Says the first refusal of each kind, counts the rest."""
+    """Prints the first refusal of each kind and counts the rest."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], int] = {}
@@ -66,7 +71,7 @@ class _Refusals:
             STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}", markup=False)
 
     def summary(self) -> None:
-        """How many there were."""
+        """Prints how many there were."""
         for (node, topic), count in self._counts.items():
             if count > 1:
                 STDERR.print(f"{node}: {count} messages on {topic} were not used", markup=False)

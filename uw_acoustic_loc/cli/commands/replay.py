@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from ..bag_and_graph import add_bag_and_graph, open_bag
 from ..console import STDERR, NodeLog, damage_code, progress
 
-HELP = "play a bag to a graph's live nodes and record what they say"
+HELP = "play a bag to a graph's live nodes and record what they publish"
 
 
 def add(parser: ArgumentParser) -> None:

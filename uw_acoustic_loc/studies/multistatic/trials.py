@@ -64,7 +64,7 @@ def square(axis: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class MethodErrors:
     """What every method makes of the same measurements."""
 
     bound: Array  # (T,) m, Cramer-Rao
@@ -82,7 +82,9 @@ class Errors:
         return float(np.max(self.rmse["ml_range_bearing"] / self.bound))
 
 
-def errors(setting: Setting, targets: Array, trials: int, seed: int, methods: tuple[str, ...] = METHODS) -> Errors:
+def errors(
+    setting: Setting, targets: Array, trials: int, seed: int, methods: tuple[str, ...] = METHODS
+) -> MethodErrors:
     """RMSE at targets (T, 2) over `trials`, which are drawn for `setting` and `seed` alone."""
     net, noise = setting.net, setting.noise
     key = [
@@ -95,7 +97,7 @@ def errors(setting: Setting, targets: Array, trials: int, seed: int, methods: tu
     found = {name: _distances(net, ranges, bearings, noise, name, targets) for name in methods}
     rmse = {name: np.sqrt(np.square(error).mean(axis=1)) for name, error in found.items()}
     median = {name: float(np.median(error)) for name, error in found.items()}
-    return Errors(position_error(cramer_rao(net, targets, noise)), rmse, median)
+    return MethodErrors(position_error(cramer_rao(net, targets, noise)), rmse, median)
 
 
 def _distances(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str, targets: Array) -> Array:
