@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from .config import build
 from .contract import Input, Output, Stage
-from .graph import GraphNode
+from .graph import GraphNode, check_topics
 from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
 from .sim.scenario import Scenario, find_scenario
 from .stages.build import configure
@@ -61,6 +61,7 @@ def resolve_stage(node: GraphNode) -> ResolvedStage:
         _named(where, partial(codec, kind))
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
+    check_topics([*inputs, *outputs], where)
     return ResolvedStage(
         node, inputs, outputs, configured.settings, make_stage=configured.make, lateness=configured.runner.lateness
     )
