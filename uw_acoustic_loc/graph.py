@@ -120,6 +120,16 @@ def _is_topic(name: str) -> bool:
     return re.fullmatch(f"(/{_TOKEN})+", name) is not None
 
 
+def own_parameters(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Without those of every ROS node, which are rclpy's business."""
+    return {
+        key: value for key, value in params.items() if key not in _OF_RCLPY and not key.startswith("qos_overrides.")
+    }
+
+
+_OF_RCLPY = ("use_sim_time", "start_type_description_service")
+
+
 def params_of(file: Path, full_name: str) -> dict[str, Any]:
     """Returns the parameters that a params-file gives to a node; later sections win, as in rcl."""
     params: dict[str, Any] = {}
