@@ -16,7 +16,7 @@ from typing import Any
 from ..contract import Emission, Output
 from ..graph import Graph
 from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
-from ..stages.catalog import STAGES, is_stage, other_stages
+from ..stages.catalog import is_stage, stage_names
 from ..stages.runner import Refusal, Runner
 from .rosbags_messages import decode, encode
 
@@ -46,7 +46,7 @@ class Pipeline:
     def __init__(self, graph: Graph, publish: Publish, tell: Callable[[str, Refusal], None]) -> None:
         stages = upstream_first([resolve_stage(node) for node in graph.nodes if is_stage(node.executable)])
         if not stages:
-            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join([*STAGES, *other_stages()])})")
+            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(stage_names())})")
         self._publish = publish
         self._members = [_Member(stage, tell) for stage in stages]
         self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from ..graph import Graph
 from ..resolved_graph import resolve_node
+from ..sim.catalog import SOURCES
+from ..stages.catalog import is_stage
 from ..stages.runner import Refusal
 from ..wire.codec import codec
 from .about import about_graph
@@ -31,6 +33,10 @@ class OfflineRun:
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
         self._due: list[tuple[int, str, bytes]] = []  # log time, topic and CDR of what will be written
+        # no simulated driver, and no estimator that can run here
+        self.left_out = [
+            node for node in graph.nodes if not is_stage(node.executable) and node.executable not in SOURCES
+        ]
         missing = sorted(set(self._kinds) - set(bag.topics))
         self.missing = missing
         if len(missing) == len(self._kinds):

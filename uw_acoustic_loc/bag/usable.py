@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..contract import ANY_ID, Input
-from ..stages.build import configure
-from ..stages.catalog import STAGES, stage_class
+from ..graph import GraphNode
+from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
+from ..stages.catalog import stage_class, stage_names
 from ..topics import KnownTopic, find
 from ..wire.codec import codec
 from .definitions import decoded
@@ -41,17 +42,31 @@ class Use:
 def uses(found: Survey) -> list[Use]:
     """The estimators of which the bag has an input, by name or by kind."""
     kinds = _Kinds(found)
-    listed: list[Use] = []
+    stages, listed = _stages()
     made: dict[tuple[str, str], str] = {}  # namespace and topic -> the estimator whose output it is
-    for name in STAGES:  # in the order of the data flow
-        stage = configure(name, stage_class(name).any_id, name).make()
-        spaces = sorted({space for i in stage.inputs for topic in found.topics if (space := _space(i, topic))})
+    for stage in upstream_first(stages):
+        name, inputs = stage.node.executable, [*stage.inputs.values()]
+        spaces = sorted({space for i in inputs for topic in found.topics if (space := _space(i, topic))})
         for space in spaces or ["/"]:
-            use = _use(name, space, stage.inputs, kinds, made)
+            use = _use(name, space, inputs, kinds, made)
             listed += [use] if use.inputs or use.remap else []
             if use.ready:
-                made |= {(space, output.topic): name for output in stage.outputs}
-    return listed
+                made |= {(space, output.topic): name for output in stage.outputs.values()}
+    names = stage_names()
+    return sorted(listed, key=lambda use: names.index(use.estimator))
+
+
+def _stages() -> tuple[list[ResolvedStage], list[Use]]:
+    """All estimators with their default parameters, for any id; and those of other packages that have none."""
+    stages: list[ResolvedStage] = []
+    failed: list[Use] = []
+    for name in stage_names():
+        try:
+            node = GraphNode(name, name.rpartition("/")[2], "/", None, {}, stage_class(name).any_id)
+            stages.append(resolve_stage(node))
+        except ValueError as error:
+            failed.append(Use(name, "/", {}, unusable={"with default parameters": str(error)}))
+    return stages, failed
 
 
 class _Kinds:

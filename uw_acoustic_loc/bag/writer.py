@@ -16,7 +16,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from .. import __version__
+from ..version import __version__
 from .definitions import jazzy_definition
 from .storage.stored import Definition, Topic
 

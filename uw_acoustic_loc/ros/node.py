@@ -26,7 +26,8 @@ class StageNode:
     """An estimator node; parameters, diagnostics, markers and `~/sync` are the same for all."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        name = executable.rpartition("/")[2]  # another package's is package/name
+        self.node = rclpy.create_node(name, automatically_declare_parameters_from_overrides=True)
         self._configured = self._configure(executable)
         self._log = self.node.get_logger()
         self._logged: dict[str, float] = {}

@@ -34,6 +34,11 @@ def other_stages() -> Mapping[str, EntryPoint]:
     return {f"{entry.dist.name.replace('-', '_')}/{entry.name}": entry for entry in found if entry.dist}
 
 
+def stage_names() -> list[str]:
+    """All estimator executables that can run here."""
+    return [*STAGES, *other_stages()]
+
+
 def is_stage(executable: str) -> bool:
     """Whether an executable is an estimator that can run here."""
     return executable in STAGES or ("/" in executable and executable in other_stages())

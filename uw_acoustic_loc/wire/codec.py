@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import Any, get_type_hints
 
 from ..core.types import (
     ArrivalPaths,
@@ -26,6 +30,7 @@ from ..core.types import (
 )
 from . import messages as m
 from .flat import FlatForm, Make
+from .record import layout
 from .record_form import RecordForm
 
 
@@ -53,8 +58,27 @@ class Codec:
 
 
 def codec(kind: type) -> Codec:
-    """The codec of a core type."""
-    return _CODECS[kind]
+    """The codec of a core type, or of another package's record: a dataclass with its layout file beside its module.
+
+    Raises:
+        ValueError: the type is neither.
+    """
+    return _CODECS.get(kind) or _foreign_record(kind)
+
+
+@cache
+def _foreign_record(kind: type) -> Codec:
+    """The columns of <class>.msg are the fields beside t_ns and frame_id; of one row if they are declared float."""
+    name = kind.__name__
+    folder = Path(getattr(sys.modules[kind.__module__], "__file__", "")).parent
+    if not (folder / f"{name}.msg").is_file():
+        raise ValueError(f"{name} must be a type of core.types, or a record with its {name}.msg in {folder}")
+    columns = [column for column, _ in layout(name, folder).columns]
+    given = [field.name for field in dataclasses.fields(kind)]
+    if set(given) != {"t_ns", "frame_id", *columns}:
+        raise ValueError(f"{name} must have the fields t_ns, {', '.join(columns)}, frame_id, got {', '.join(given)}")
+    hints = get_type_hints(kind)
+    return _direct(RecordForm(name, kind, all(hints[column] is float for column in columns), folder))
 
 
 def _direct(form: FlatForm | RecordForm) -> Codec:

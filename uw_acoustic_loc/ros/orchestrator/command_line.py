@@ -14,10 +14,9 @@ from ...bag.about import about_graph
 from ...graph import GraphNode
 from ...resolved_graph import ResolvedDriver, ResolvedNode
 from ...sim.catalog import SOURCES
-from ...stages.catalog import STAGES
+from ...stages.catalog import is_stage, stage_names
 from ...wire.codec import codec
 
-_OURS = (*SOURCES, *STAGES, "recorder", "player")
 _PROGRAM = str(__package__).rpartition(".")[0]  # python -m
 RECORDER = "/recorder"  # its full name
 LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
@@ -60,14 +59,14 @@ def recorder_node(bag: Path, wirings: Sequence[ResolvedNode]) -> GraphNode:
     latched = [topic for topic, output in outputs if output.latched]
     about = json.dumps(about_graph(wirings))
     params: dict[str, Any] = {"bag": bag, "about": json.dumps(about)}  # as YAML: a string in double quotes
-    if all(wiring.node.executable in _OURS for wiring in wirings):
+    if all(_ours(wiring.node.executable) for wiring in wirings):
         params |= {"topics": f"[{', '.join(pairs)}]"}
         params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
     return GraphNode("recorder", RECORDER.strip("/"), "/", None, {}, params)
 
 
 def _program(node: GraphNode, graph: Path) -> list[str]:
-    if node.executable in _OURS:
+    if _ours(node.executable):
         return [sys.executable, "-m", _PROGRAM, node.executable]
     package, _, executable = node.executable.partition("/")
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
@@ -76,5 +75,11 @@ def _program(node: GraphNode, graph: Path) -> list[str]:
             return [str(path)]
     raise ValueError(
         f"graph {graph}: executable '{node.executable}' of node {node.full_name} is unknown: it must be one of"
-        f" {', '.join(_OURS)}, or package/executable of an installed ROS 2 package"
+        f" {', '.join([*SOURCES, *stage_names(), 'recorder', 'player'])}, or package/executable of an installed ROS 2"
+        " package"
     )
+
+
+def _ours(executable: str) -> bool:
+    """Whether this package runs it, if only with another package's stage."""
+    return executable in SOURCES or executable in ("recorder", "player") or is_stage(executable)

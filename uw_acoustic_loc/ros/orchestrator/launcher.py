@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from ...graph import Graph, GraphNode
 from ...resolved_graph import ResolvedDriver, ResolvedNode, resolve_node, upstream_first
 from ...sim.catalog import SOURCES
-from ...stages.catalog import STAGES
+from ...stages.catalog import is_stage
 from ..report import Deliveries, Reports
 from ..sync import SyncClient
 from .command_line import command_line, recorder_node
@@ -60,7 +60,7 @@ class Launcher:
             node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
             for node in everything
         }
-        ours = [n.full_name for n in everything if n.executable in (*SOURCES, *STAGES, "recorder")]
+        ours = [n.full_name for n in everything if n.executable in (*SOURCES, "recorder") or is_stage(n.executable)]
         self._processes = Processes(ours, log)
         self._player = next((node.full_name for node in everything if node.executable == "player"), "")
         self._stopped = False
@@ -150,7 +150,7 @@ class Launcher:
     def _stop_in_order(self) -> int:
         order = StopOrder(
             drivers=[n.full_name for n in self._graph.nodes if n.executable in SOURCES],
-            estimators=[w.node.full_name for w in self._wirings if w.node.executable in STAGES],
+            estimators=[w.node.full_name for w in self._wirings if is_stage(w.node.executable)],
             recorder=[self._recorder.full_name] if self._recorder else [],
         )
         stop = OrderedStop(self._sync, self._processes, self._deliveries, order, self._log)

@@ -12,7 +12,7 @@ from ...bag.remap import RemappedBag, remaps
 from ...graph import Graph, GraphNode
 from ...resolved_graph import resolve_node, upstream_first
 from ...sim.catalog import SOURCES
-from ...stages.catalog import STAGES
+from ...stages.catalog import is_stage
 from ..report import Reports, published
 from .command_line import RECORDER
 from .window import window_s
@@ -35,7 +35,7 @@ def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str
     if needed and not needed & set(bag.topics):
         raise ValueError(f"bag {bag.path} has none of the topics that the graph needs: {', '.join(sorted(needed))}")
     topics = sorted(needed & set(bag.topics)) if needed else sorted(set(bag.topics) - outputs)
-    consumers = [w.node.full_name for w in wirings if w.node.executable in STAGES]
+    consumers = [w.node.full_name for w in wirings if is_stage(w.node.executable)]
     params = {
         "bag": bag.path.resolve(),
         "rate": float(rate),
