@@ -29,7 +29,7 @@ class _Member:
     """An estimator, with the full names of its outputs, and what has come for it."""
 
     def __init__(self, stage: ResolvedStage, tell: Callable[[str, Refusal], None]) -> None:
-        name = stage.node.full_name
+        self.name = name = stage.node.full_name
         self.runner = Runner(stage.make_stage, stage.lateness, lambda refusal: tell(name, refusal))
         self.names = {output.topic: topic for topic, output in stage.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
@@ -59,6 +59,11 @@ class Pipeline:
                 kinds[topic] = wanted.kind
         self.inputs = {topic: kind for topic, kind in kinds.items() if topic not in self.outputs}
         self._loops = any(set(w.inputs) & set(fed.outputs) for k, w in enumerate(stages) for fed in stages[k:])
+
+    @property
+    def runners(self) -> dict[str, Runner]:
+        """What drives each estimator, by the node's full name."""
+        return {member.name: member.runner for member in self._members}
 
     def push(self, batch: Iterable[Message]) -> None:
         """Gives messages to all that subscribe, and what they publish to those that subscribe to that."""

@@ -6,22 +6,32 @@ import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not on PyPI, but on every ROS machine
+    TFMessage = None
 
 from ..config import build
 from ..contract import Event, Status
 from ..core.types import Odometry
 from ..sim.catalog import DriverConfig, configured_scenario, make_source
 from ..sim.scenario import Scenario
+from ..wire.messages import ODOMETRY
 from .diagnostics import Diagnostics
 from .endpoints import Publishers
 from .parameters import declare, given_parameters
+from .qos import PUBLISHER, overridable
+from .rclpy_messages import RosMake
 from .report import NodeReport
 from .spin import Stop
 from .sync import SyncService
-from .transforms import Transforms
 
 _LONG_S = 0.002  # to make an event; a quicker one is made at once
 _REST = 0.3  # of the time to the next event
@@ -37,7 +47,7 @@ class DriverNode:
         scenario = self._scenario(config)
         source = make_source(executable, scenario)
         self._publishers = Publishers(self.node, source.outputs)
-        self._transforms = Transforms(self.node)
+        self._transforms = _Transforms(self.node)
         self._events: Iterator[Event] = source.events()
         self._latched = {output.topic for output in source.outputs if output.latched}
         self._started, self._missed, self._reached_ns = False, 0, 0
@@ -135,3 +145,23 @@ class DriverNode:
 
     def _report(self) -> NodeReport:
         return NodeReport(self._publishers.report(), reached_ns=self._reached_ns)
+
+
+class _Transforms:
+    """Broadcasts odometry as a transform on /tf; does nothing where tf2_msgs is not installed."""
+
+    def __init__(self, node: Node) -> None:
+        overrides: dict[str, Any] = {"qos_overriding_options": overridable(node, "/tf", PUBLISHER)}
+        self._publisher: Any = node.create_publisher(TFMessage, "/tf", 100, **overrides) if TFMessage else None
+
+    def send(self, value: Odometry) -> None:
+        """Broadcasts frame_id -> child_frame_id."""
+        if self._publisher is None:
+            return
+        message = ODOMETRY.encode(RosMake(), value)
+        transform = TransformStamped(header=message.header, child_frame_id=value.child_frame_id)
+        place = message.pose.pose.position
+        transform.transform.translation.x, transform.transform.translation.y = place.x, place.y
+        transform.transform.translation.z = place.z
+        transform.transform.rotation = message.pose.pose.orientation
+        self._publisher.publish(TFMessage(transforms=[transform]))

@@ -99,7 +99,8 @@ class StageNode:
             self._log.warning(f"{refusal.topic}: {refusal.sentence}")
 
     def _status(self) -> Any:
-        return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts)
+        problems = self._subscriptions.problems()
+        return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts, problems)
 
     def _report(self) -> NodeReport:
         counts: dict[str, dict[str, int]] = {}

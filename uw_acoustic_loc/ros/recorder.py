@@ -110,7 +110,10 @@ class RecorderNode:
             raise Stop(1, f"bag {self._config.bag}: recording stopped: {error.strerror}") from None
 
     def _status(self) -> Status:
-        return Status(values={f"{topic} recorded": count for topic, count in self._writer.counts.items()})
+        values = {f"{topic} recorded": count for topic, count in self._writer.counts.items()}
+        if problems := self._subscriptions.problems():
+            return Status(Status.ERROR, "; ".join(problems), values)
+        return Status(values=values)
 
     def _report(self) -> NodeReport:
         return NodeReport(taken=self._subscriptions.report(), recorded=self._writer.counts)

@@ -75,10 +75,10 @@ def pulse(pinger: Pinger, age: Array, phases: Array | None = None) -> Array:
     if pinger.pulse == "noise":
         wave = _tones(pinger, age, phases)
     elif pinger.pulse == "tone":
-        wave = _sine(_centre(pinger) * age)
+        wave = sine(_centre(pinger) * age)
     else:
-        wave = _sine((pinger.band_low + (_centre(pinger) - pinger.band_low) * share) * age)
-    return np.asarray(pinger.source_level * wave * np.square(_sine(0.25 * edge)), dtype=np.float64)
+        wave = sine((pinger.band_low + (_centre(pinger) - pinger.band_low) * share) * age)
+    return np.asarray(pinger.source_level * wave * np.square(sine(0.25 * edge)), dtype=np.float64)
 
 
 def sounding(pinger: Pinger) -> float:
@@ -97,6 +97,11 @@ def pings(pinger: Pinger, begin: float, end: float) -> range:
     """Indices of the pings that start in [begin, end); ping k starts at offset + k period, k >= 0."""
     first = max(0, math.ceil((begin - pinger.offset) / pinger.period))
     return range(first, max(first, math.ceil((end - pinger.offset) / pinger.period)))
+
+
+def sine(turns: Array) -> AnyArray:
+    """float32 sine; whole turns are taken off before, so that its error is 2e-7 whatever their number."""
+    return np.asarray(np.sin((2 * np.pi * (turns - np.rint(turns))).astype(np.float32)))
 
 
 def _centre(pinger: Pinger) -> float:
@@ -125,13 +130,8 @@ def _switched_on(pinger: Pinger, age: Array, turns: float) -> Array:
     free = complex((math.cos(phase) - damping * math.sin(phase)) / own, math.sin(phase))
     free_turns = cmath.phase(free) / (2 * math.pi)
     decay = np.exp(np.minimum(-2 * math.pi * frequency * damping * age, 0.0))
-    wave = _sine(frequency * age + turns) - abs(free) * decay * _sine(own * frequency * age + free_turns)
+    wave = sine(frequency * age + turns) - abs(free) * decay * sine(own * frequency * age + free_turns)
     return np.asarray(wave * (age > 0.0))
-
-
-def _sine(turns: Array) -> AnyArray:
-    """float32 sine; whole turns are taken off before, so that its error is 2e-7 whatever their number."""
-    return np.asarray(np.sin((2 * np.pi * (turns - np.rint(turns))).astype(np.float32)))
 
 
 def _row(place: float, ends: tuple[float, float], coefficients: Sequence[float], most: int) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""The vehicle's two hydrophones: every pinger's pings with their reflections, noise, and the converter."""
+"""The vehicle's two hydrophones: every pinger's pings with their reflections, noise, thrusters, and the converter."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from .acoustics import absorption, images, pings, pulse, sounding, tone_phases
 from .channel import Knots, Paths, Ping, Reception
 from .converter import convert, scale
 from .environment import SoundSpeed
-from .noise import GaussianNoise, add_snaps
+from .noise import GaussianNoise, ThrusterNoise, add_snaps
 from .scenario import Pinger, Scenario
 from .trajectory import Trajectory
 from .water import Environment
 
 _KEY = 0x4A7D  # keeps this noise apart from the other sensors'
 _PULSE_KEY = 0x4A7E  # of the noise pulses
+_THRUSTER_KEY = 0x4A7F
 
 
 class HydrophoneSource:
@@ -44,6 +45,8 @@ class HydrophoneSource:
         self._paths = [_paths(p, env) for p in scenario.pingers]
         self._knots = Knots(self._size, self._array.sample_rate)
         self._noise = GaussianNoise(env, self._array, self._size)
+        thrusters = scenario.vehicle.thrusters
+        self._thrusters = [ThrusterNoise(t, scenario, self._in_base, self._trajectory) for t in thrusters]
         self._impulses = self._array.impulses.on(self._array.noise_std)
 
     @property
@@ -66,6 +69,8 @@ class HydrophoneSource:
         rng = self._scenario.rng(_KEY, k)
         pressure = self._impulses.strike(rng, self._noise.draw(rng))
         add_snaps(pressure, self._scenario.environment, self._array, rng)
+        for which, thruster in enumerate(self._thrusters):
+            thruster.add(pressure, begin, self._scenario.rng(_THRUSTER_KEY, which, k))
         self._add_pings(begin, pressure)
         h0, h1 = convert(pressure, self._array)
         return Samples(self._scenario.t_ns(begin), h0, h1)

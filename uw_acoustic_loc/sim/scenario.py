@@ -23,6 +23,23 @@ class Waypoint:
 
 
 @dataclass(frozen=True)
+class Thruster:
+    """A source that rides on the vehicle: broad-band noise, and lines at multiples of its blade rate."""
+
+    position: tuple[float, ...] = param((-0.4, 0.0, 0.0), unit="m", length=3, doc="in base_link")
+    level: float = param(110.0, unit="dB re 1 uPa^2/Hz at 1 m and 1 kHz", low=0, high=200, doc="at 1 m/s, flat below")
+    slope: float = param(-20.0, unit="dB/decade", low=-60, high=0, doc="above 1 kHz, as of cavitation (Ross 1976)")
+    growth: float = param(50.0, unit="dB/decade", low=1, high=100, doc="of noise and lines with the vehicle's speed")
+    line_level: float = param(
+        120.0, unit="dB re 1 uPa at 1 m", low=0, high=200, doc="amplitude of the first line at 1 m/s"
+    )
+    line_fall: float = param(6.0, unit="dB", low=0.1, high=100, doc="from each line to the next")
+    blades: int = param(3, low=1, high=12)
+    turns_per_metre: float = param(20.0, unit="1/m", low=0.01, high=1000, doc="of the shaft, along the vehicle's path")
+    modulation: float = param(0.3, low=0, high=1, doc="of the broad-band noise, at the blade rate")
+
+
+@dataclass(frozen=True)
 class Vehicle:
     """The AUV: constant speed and depth along waypoints, corners rounded with turn_radius."""
 
@@ -39,6 +56,7 @@ class Vehicle:
     dvl_std: float = param(0.005, unit="m/s", low=0)
     dvl_bias_std: float = param(0.005, unit="m/s", low=0, doc="constant bias per axis, drawn once")
     odometry_rate: float = param(20.0, unit="Hz", low=0.1, high=1000)
+    thrusters: tuple[Thruster, ...] = param((), doc="heard by the hydrophones")
 
 
 @dataclass(frozen=True)

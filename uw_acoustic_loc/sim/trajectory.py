@@ -46,10 +46,14 @@ class Trajectory:
         """Time in s to the last waypoint."""
         return float(self._starts[-1] / self._speed)
 
+    def travelled(self, time: Array) -> Array:
+        """(n,) m since the start along the path, at times (n,)."""
+        return np.asarray(np.clip(time * self._speed, 0.0, self._starts[-1]))
+
     def at(self, time: Array | float) -> Motion:
         """Returns the motion at times in s after the start, scalar or (n,)."""
         time = np.atleast_1d(np.asarray(time, dtype=float))
-        travelled = np.clip(time * self._speed, 0.0, self._starts[-1])
+        travelled = self.travelled(time)
         moving = (time >= 0) & (time * self._speed <= self._starts[-1])
         k = np.clip(np.searchsorted(self._starts, travelled, side="right") - 1, 0, len(self._starts) - 2)
         along, curvature, heading = travelled - self._starts[k], self._curvatures[k], self._headings[k]

@@ -41,7 +41,7 @@ class BearingLocalizerStage(Stage):
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (_BEARING.input(partial(self._on_bearing, name), name, frame="base_link") for name in self._sources)
-        return (_ODOMETRY.input(self._on_odometry, frame="odom"), *bearings)
+        return (_ODOMETRY.input(self._on_odometry, frame="odom", upstream=2), *bearings)
 
     @property
     def outputs(self) -> tuple[Output, ...]:

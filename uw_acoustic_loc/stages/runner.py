@@ -30,8 +30,8 @@ class Refusal:
 class Runner:
     """One stage with its inputs in order. `make_stage` builds it anew when the clock is set back.
 
-    `counts` has per topic what was received, used, rejected, malformed, late, overflowed (held too long while a latched
-    input was missing) and published; `tell` is called with each Refusal.
+    `counts` has per topic what was received, used, published, and not used, by why (`REFUSED`); `tell` is called with
+    each Refusal.
     """
 
     def __init__(self, make_stage: Callable[[], Stage], lateness: float, tell: Callable[[Refusal], None]) -> None:
@@ -39,9 +39,11 @@ class Runner:
         self.counts: Counter[tuple[str, str]] = Counter()
         self.stage = make_stage()
         self._inputs = {i.topic: i for i in self.stage.inputs}
-        streams = [i.topic for i in self.stage.inputs if not i.latched]
-        rewind_ns = {i.topic: round(i.rewind * 1e9) for i in self.stage.inputs}
-        self._sequencer = Sequencer(streams, round(lateness * 1e9), rewind_ns)
+        streams = [i for i in self.stage.inputs if not i.latched]
+        waits_ns = {i.topic: round(lateness * (1 + i.upstream) * 1e9) for i in streams}
+        rewind_ns = {i.topic: round(i.rewind * 1e9) for i in streams if i.rewind > 0}
+        optional = {i.topic for i in streams if i.optional}
+        self._sequencer = Sequencer(waits_ns, round(lateness * 1e9), rewind_ns, optional)
         self._latched: dict[str, Any] = {}
         self._held: deque[tuple[str, Any]] = deque()
         self._waiting = bool(self.missing)
@@ -74,7 +76,9 @@ class Runner:
 
     def flush(self) -> list[Emission]:
         """The end of the input: handles what the sequencer still holds."""
-        return self._handle_all(self._sequencer.flush())
+        emissions = self._handle_all(self._sequencer.flush())
+        self._report_refused()
+        return emissions
 
     def _latch(self, topic: str, value: Any) -> list[Emission]:
         self._latched[topic] = value
@@ -85,23 +89,25 @@ class Runner:
         return emissions
 
     def _stream(self, topic: str, value: Any) -> list[Emission]:
-        late = self._sequencer.late[topic]
         emissions = self._handle_all(self._sequencer.push(topic, _turn_ns(self._inputs[topic], value), value))
-        if self._sequencer.late[topic] > late:
-            self._refuse("late", topic, f"stamp {value.t_ns} ns came after later stamps had been handled")
+        self._report_refused()
         if start := self._sequencer.new_run:
-            emissions += self._restart(list(start))
+            emissions += self._restart(start)
         return emissions
 
+    def _report_refused(self) -> None:
+        for refused in self._sequencer.take_refused():
+            self._refuse(refused.kind, refused.topic, refused.sentence)
+
     def _restart(self, start: list[tuple[str, int, Any]]) -> list[Emission]:
-        self._tell(Refusal(start[0][0], f"the clock was set back to {start[0][1]} ns: starting anew"))
+        emissions = self.flush()  # what still waits belongs to the old run
+        self._tell(Refusal(start[0][0], f"the clock was set back to {start[0][1]} ns: the estimator restarts"))
         self.counts["", "restarts"] += 1
         self._sequencer.clear()
         self.stage = self._make_stage()
         self._inputs = {i.topic: i for i in self.stage.inputs}
-        emissions = self._handle_all(self._latched.items())
+        emissions += self._handle_all(self._latched.items())
         for topic, t_ns, value in start:
-            self.counts[topic, "late"] -= 1
             emissions += self._handle_all(self._sequencer.push(topic, t_ns, value))
         return emissions
 
@@ -130,6 +136,9 @@ class Runner:
         self._tell(Refusal(topic, sentence))
 
 
+# Why messages are not used: refused by the stage; unreadable or in another frame; after later stamps had been handled;
+# with a stamp off the topic's course; held too long while a latched input was missing.
+REFUSED = ("rejected", "malformed", "late", "stray", "overflowed")
 _HELD = 1000  # messages kept while a latched input is missing
 
 

@@ -125,7 +125,7 @@ def row_types(plan: Layout) -> list[np.dtype[Any]]:
 
 @lru_cache(maxsize=64)
 def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
-    """Returns the contents of the PointFields that describe structured rows of this type."""
+    """PointField contents of structured rows of this type."""
     described = [(name, *rows.fields[name][:2]) for name in rows.names or ()]  # type: ignore[index]
     return [
         {"name": name, "offset": int(offset), "datatype": _DATATYPES[kind.name], "count": 1}
@@ -134,7 +134,7 @@ def fields(rows: np.dtype[Any]) -> list[dict[str, Any]]:
 
 
 def table(msg: Any) -> AnyArray:
-    """Returns a structured view (N,) of any PointCloud2's columns of one number; ValueError as `record_from`."""
+    """Structured view (N,) of any PointCloud2's rows: the columns of one number each; ValueError as `record_from`."""
     named = {field.name: field for field in msg.fields}
     plain = [(f.name, f.datatype, f.offset) for f in named.values() if f.count == 1 and f.datatype in _NUMPY]
     good = [column for column in plain if column[2] + _NUMPY[column[1]].itemsize <= msg.point_step]
@@ -153,7 +153,7 @@ def _rows(name: str, msg: Any, columns: tuple[_Column, ...]) -> AnyArray:
 
 @lru_cache(maxsize=64)
 def _row_type(columns: tuple[_Column, ...], is_bigendian: bool, step: int) -> np.dtype[Any]:
-    """Returns the dtype of a row with these columns."""
+    """The dtype of a row: names, types and offsets of its columns."""
     formats = [_NUMPY[code].newbyteorder(">" if is_bigendian else "<") for _, code, _ in columns]
     names, offsets = [name for name, _, _ in columns], [offset for _, _, offset in columns]
     layout: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": step}

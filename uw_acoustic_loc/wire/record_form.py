@@ -32,15 +32,15 @@ class RecordForm:
         return layout(self.name, self.folder)
 
     def encode(self, make: Make, value: Any) -> Any:
-        """The message."""
+        """Builds the message of a core value."""
         return record_to(make, self._plan, value)
 
     def decode(self, msg: Any, _received_ns: int = 0) -> Any:
-        """From a message."""
+        """Returns the core value of a message."""
         return record_from(self._plan, self.kind, msg, self.single)
 
     def pack(self, value: Any) -> bytes:
-        """CDR bytes."""
+        """Returns the CDR bytes of a core value."""
         rows = rows_of(self._plan, value)
         begin = STAMP.pack(LITTLE_ENDIAN, *divmod(value.t_ns, SECOND)) + _begin(value.frame_id)
         sizes = _SIZES.pack(rows.nbytes, rows.nbytes)
@@ -91,7 +91,7 @@ def _begin(frame_id: str) -> bytes:
 
 @lru_cache(maxsize=64)
 def _middle(row: np.dtype[Any]) -> bytes:
-    """Returns the CDR bytes from the fields to the size of a row; they begin at a multiple of 4."""
+    """From the fields to the size of a row; begins at a multiple of 4."""
     described = fields(row)
     parts = [LENGTH.pack(len(described))]
     for field in described:

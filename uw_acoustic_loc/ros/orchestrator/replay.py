@@ -43,6 +43,8 @@ def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str
         "topics": f"[{', '.join(topics)}]",
         "consumers": f"[{', '.join([*consumers, RECORDER])}]",
     }
+    if latched := sorted({topic for w in wirings for topic, i in w.inputs.items() if i.latched} & set(topics)):
+        params["latched"] = f"[{', '.join(latched)}]"
     if pairs:
         params["remap"] = f"[{', '.join(f'{old} {new}' for old, new in remaps(pairs).items())}]"
     return GraphNode("player", "player", "/", None, {}, params)
