@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.toa.paths import Epoch, Net, associate, associate_by_order, make_net, screen
+from uw_acoustic_loc.core.toa.paths import Epoch, ReceiverNet, associate, associate_by_order, make_net, screen
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 POSITIONS = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, -5.0]])
@@ -9,7 +9,7 @@ TARGET = np.array([300.0, 100.0, -60.0])
 D, B, S = Arrivals.DIRECT, Arrivals.BOTTOM, Arrivals.SURFACE
 
 
-def net(bottom_depth: float = 200.0) -> Net:
+def net(bottom_depth: float = 200.0) -> ReceiverNet:
     return make_net([7, 9], POSITIONS, bottom_depth)
 
 

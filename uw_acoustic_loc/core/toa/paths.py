@@ -20,7 +20,7 @@ Predictor = Callable[[Array, AnyArray], tuple[Array, Array]]  # images (n, 3), r
 
 
 @dataclass(frozen=True, eq=False)
-class Net:
+class ReceiverNet:
     """Receivers and their images."""
 
     index: dict[int, int]  # row of a receiver's id
@@ -33,7 +33,7 @@ class Epoch:
     """The usable arrivals of one ping."""
 
     t_ns: int
-    net: Net  # as it was then
+    net: ReceiverNet  # as it was then
     receiver: AnyArray  # (n,) row in the net
     path: AnyArray  # (n,)
     time: Array  # (n,) s
@@ -51,7 +51,7 @@ class Epoch:
         return Epoch(self.t_ns, self.net, *columns, height=self.height)
 
 
-def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Array | None = None) -> Net:
+def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Array | None = None) -> ReceiverNet:
     """The net of receivers at `positions` (M, 3); a bottom_depth of 0 leaves out the bottom path.
 
     `sway` (M,) m^2: how well each x is known, if not exactly.
@@ -70,10 +70,10 @@ def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Ar
         images[Arrivals.BOTTOM] = positions * [1, 1, -1] - [0, 0, 2 * bottom_depth]
     below = positions[:, 2] < 0  # at the surface the surface path is the direct one
     images[Arrivals.SURFACE, below] = positions[below] * [1, 1, -1]
-    return Net(index, images, np.zeros(len(index)) if sway is None else sway)
+    return ReceiverNet(index, images, np.zeros(len(index)) if sway is None else sway)
 
 
-def screen(arrivals: Arrivals, net: Net, max_delay: float = math.inf) -> tuple[Epoch, Counter[str]]:
+def screen(arrivals: Arrivals, net: ReceiverNet, max_delay: float = math.inf) -> tuple[Epoch, Counter[str]]:
     """The usable rows, and how many were refused for which reason; a row is counted once."""
     receiver = np.array([net.index.get(name, -1) for name in arrivals.receiver.tolist()], dtype=np.intp)
     path = np.asarray(arrivals.path, dtype=np.intp)
@@ -158,7 +158,7 @@ def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> tuple[Ep
     return replace(epoch, path=path).rows(path > 0), believed
 
 
-def _modelled(net: Net, receiver: int) -> list[int]:
+def _modelled(net: ReceiverNet, receiver: int) -> list[int]:
     return [p for p in (1, 2, 3) if np.isfinite(net.images[p, receiver, 0])]
 
 

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import AnyArray, Array
-from .clock import heard_times
 from .config import ToaConfig
-from .model import BIAS_STD, by_emission, process_noise, water_column
-from .paths import Epoch, Net
+from .model import BIAS_STD, by_emission, heard_times, process_noise, water_column
+from .paths import Epoch, ReceiverNet
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +31,7 @@ class Start:
     cost: float  # squared residuals in sigma, each at most gate^2, and squared distance from the prior
 
 
-def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
+def cold_prior(net: ReceiverNet, config: ToaConfig) -> tuple[Array, Array]:
     """Mean and covariance that say nothing of the horizontal position, and of z that it is in the water."""
     receivers = net.images[1]
     middle, half = water_column(config.water)
@@ -44,7 +43,7 @@ def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
     return mean, np.diag(std**2)
 
 
-def cold_starts(net: Net, prior: Array) -> Array:
+def cold_starts(net: ReceiverNet, prior: Array) -> Array:
     """(49, D) start points on a grid over the net and half its extent around it."""
     axis = np.linspace(-1, 1, 7) * max(_extent(net), 1.0)
     x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
@@ -164,5 +163,5 @@ def _median(values: AnyArray) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
-def _extent(net: Net) -> float:
+def _extent(net: ReceiverNet) -> float:
     return float(np.ptp(net.images[1][:, :2], axis=0).max())

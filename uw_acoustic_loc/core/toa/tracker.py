@@ -12,12 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..types import AnyArray, Array, ArrivalPaths, Arrivals
-from .clock import heard_times, with_clocks
 from .config import ToaConfig
-from .epoch import ToaEstimate, emission_bias, updated
-from .model import predict, with_height
-from .paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
+from .model import heard_times, predict, with_clocks, with_height
+from .paths import Epoch, ReceiverNet, ambiguous, associate, associate_by_order, merged, screen
 from .solver import Start, cold_prior, cold_starts, solve
+from .update import ToaEstimate, emission_bias, updated
 
 __all__ = ["ToaConfig", "ToaEstimate", "ToaTracker"]
 
@@ -41,7 +40,7 @@ class ToaTracker:
     keeps the noise's share of it.
     """
 
-    def __init__(self, config: ToaConfig, net: Net) -> None:
+    def __init__(self, config: ToaConfig, net: ReceiverNet) -> None:
         self._config, self._net = config, net
         self._now = _Memory(prior=None if config.start.cold_start else _given_prior(config, net))
         self._history: deque[tuple[_Memory, Epoch]] = deque()  # what was known before an epoch, and the epoch
@@ -60,7 +59,7 @@ class ToaTracker:
         counts.update(self._now.counts)
         return counts
 
-    def change(self, config: ToaConfig, net: Net) -> None:
+    def change(self, config: ToaConfig, net: ReceiverNet) -> None:
         """Goes on with other parameters, or with other receivers or receivers elsewhere from the next epoch on.
 
         Where clocks are estimated, other receivers are a new start.
@@ -202,7 +201,7 @@ def _vouched_for(solution: Start, emissions: int) -> bool:
 _OLD_NS = 10_000_000_000  # a height is not used after that
 
 
-def _given_prior(config: ToaConfig, net: Net) -> tuple[Array, Array]:
+def _given_prior(config: ToaConfig, net: ReceiverNet) -> tuple[Array, Array]:
     std = np.array(
         [*config.start.initial_position_std, *config.start.initial_velocity_std, config.water.sound_speed_std]
     )
