@@ -26,15 +26,15 @@ class Water:
 
     bottom_depth: float = param(0.0, unit="m", low=0, doc="flat seabed below z = 0; 0 = no bottom path")
     max_depth: float = param(200.0, unit="m", low=0.1, doc="no target is deeper, nor below bottom_depth")
-    sound_speed: float = param(1500.0, unit="m/s", low=0, high=1650, doc="at the start; 0 = by the temperature")
+    sound_speed: float = param(1500.0, unit="m/s", low=0, high=1650.0, doc="at the start; 0 = by the temperature")
     sound_speed_std: float = param(2.0, unit="m/s", low=1e-3, doc="at the start")
     temperature: float = param(10.0, unit="deg C", low=-2, high=40, doc="for a sound_speed of 0")
     salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for a sound_speed of 0")
     depth: float = param(0.0, unit="m", low=0, high=8000, doc="of temperature and salinity, for a sound_speed of 0")
 
     def __post_init__(self) -> None:
-        if 0 < self.sound_speed < _SLOWEST:
-            raise ValueError(f"sound_speed must be 0 or at least {_SLOWEST:g} m/s, got {self.sound_speed:g}")
+        if 0 < self.sound_speed < SLOWEST:
+            raise ValueError(f"sound_speed must be 0 or at least {SLOWEST:g} m/s, got {self.sound_speed:g}")
 
     @property
     def start_sound_speed(self) -> float:
@@ -42,7 +42,7 @@ class Water:
         return self.sound_speed or mackenzie(self.temperature, self.salinity, self.depth)
 
 
-_SLOWEST = 1350.0  # m/s
+SLOWEST, FASTEST = 1350.0, 1650.0  # m/s
 
 
 def mackenzie(temperature: float, salinity: float, depth: float) -> float:

@@ -8,13 +8,14 @@ is straight; what process noise could have added is counted as measurement noise
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import AnyArray, Array
-from .config import ToaConfig
+from .config import FASTEST, SLOWEST, ToaConfig
 from .model import BIAS_STD, by_emission, heard_times, process_noise, water_column
 from .paths import Epoch, ReceiverNet
 
@@ -29,6 +30,7 @@ class Start:
     rejected: int
     receivers: int  # different ones among the used
     cost: float  # squared residuals in sigma, each at most gate^2, and squared distance from the prior
+    inside: AnyArray  # bool, of the last epoch's arrivals
 
 
 def cold_prior(net: ReceiverNet, config: ToaConfig) -> tuple[Array, Array]:
@@ -41,6 +43,23 @@ def cold_prior(net: ReceiverNet, config: ToaConfig) -> tuple[Array, Array]:
     )
     std = np.array([spread, spread, half, *config.start.initial_velocity_std, config.water.sound_speed_std])
     return mean, np.diag(std**2)
+
+
+def believable(mean: Array, net: ReceiverNet, config: ToaConfig) -> bool:
+    """Whether a state is one that a start without a position would allow, and the water.
+
+    Six standard deviations of the velocity at the start, for a target that speeds up; three of the water column's z.
+    """
+    centre, spread = net.images[1].mean(axis=0), 10 * _extent(net) + 1000
+    middle, half = water_column(config.water)
+    x, y, z, *velocity, speed = mean[:7].tolist()
+    start = zip(velocity, config.start.initial_velocity, config.start.initial_velocity_std, strict=True)
+    return (
+        math.hypot(x - centre[0], y - centre[1]) <= spread
+        and abs(z - middle) <= 3 * half
+        and all(abs(v - at_first) <= 6 * std for v, at_first, std in start)
+        and SLOWEST <= speed <= FASTEST
+    )
 
 
 def cold_starts(net: ReceiverNet, prior: Array) -> Array:
@@ -56,13 +75,24 @@ def cold_starts(net: ReceiverNet, prior: Array) -> Array:
 def solve(epochs: Sequence[Epoch], mean: Array, cov: Array, starts: Array, config: ToaConfig) -> Start:
     """The best solution from the most promising of `starts` (s, D), given the prior mean (D,) and cov (D, D).
 
-    Prior, starts and solution belong to the last epoch's stamp; every arrival has its path.
+    Prior, starts and solution belong to the last epoch's stamp; every arrival has its path. Where the best solution
+    rejects arrivals, more of the starts are tried: another may have a place for all of them.
     """
     problem = _Problem(epochs, mean, cov, config)
     scale = problem.scale(starts)
     if len(starts) > 1:
-        starts = starts[np.argsort(problem.costs(starts, scale), kind="stable")[:3]]
-    return min((problem.descend(start, scale) for start in starts), key=lambda solution: solution.cost)
+        starts = starts[np.argsort(problem.costs(starts, scale), kind="stable")]
+    best = min((problem.descend(start, scale) for start in starts[:_FIRST]), key=_cost)
+    if best.rejected and len(starts) > _FIRST:
+        best = min((best, *(problem.descend(start, scale) for start in starts[_FIRST:_MOST])), key=_cost)
+    return best
+
+
+_FIRST, _MOST = 3, 9  # starts that are tried
+
+
+def _cost(solution: Start) -> float:
+    return solution.cost
 
 
 class _Problem:
@@ -76,6 +106,7 @@ class _Problem:
         self._sway = np.concatenate([e.net.sway[e.receiver] for e in epochs])
         self._receiver = np.concatenate([e.receiver for e in epochs])
         self._epoch = np.repeat(np.arange(len(epochs)), [len(e.time) for e in epochs])
+        self._epochs = len(epochs)
         since = np.array([(e.t_ns - epochs[-1].t_ns) * 1e-9 for e in epochs])
         self._since = since[self._epoch]
         Q = [np.diag(process_noise(-age, config.process))[[0, 1, 2, 6]] for age in since]
@@ -89,7 +120,7 @@ class _Problem:
     def scale(self, starts: Array) -> float:
         """By how many s the best of the start points may be wrong."""
         if len(starts) > 1:
-            return float(np.ptp(starts[:, 0])) / 6 / self._config.water.start_sound_speed
+            return float(np.ptp(starts[:, :2], axis=0).max()) / 6 / self._config.water.start_sound_speed
         cov = np.linalg.inv(self._information[: self._size, : self._size])
         return float(np.sqrt(np.trace(cov[:3, :3]) + np.max(self._variance) * starts[0, 6] ** 2) / starts[0, 6])
 
@@ -135,7 +166,8 @@ class _Problem:
         receivers = len(set(self._receiver[inside].tolist()))
         off = x - self._mean
         cost = float(np.minimum(squares, limit).sum() + off @ self._information @ off)
-        return Start(x[: self._size].copy(), (cov + cov.T) / 2, used, len(r) - used, receivers, cost)
+        last = inside[self._epoch == self._epochs - 1]
+        return Start(x[: self._size].copy(), (cov + cov.T) / 2, used, len(r) - used, receivers, cost, last)
 
     def _step(self, x: Array, r: Array, J: Array, weights: Array) -> Array:
         gradient = J.T @ (weights * r) + self._information @ (self._mean - x)

@@ -26,6 +26,7 @@ class ToaEstimate:
     used: int  # arrivals within the gate
     rejected: int
     nis: float  # sum of squared normalised innovations of the used ones; `used` degrees of freedom
+    accepted: AnyArray  # bool, of the last epoch's arrivals
     paths: ArrivalPaths | None = None  # of arrivals that came without a path
 
 
@@ -42,8 +43,8 @@ def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEsti
     times, H = heard_times(mean, epoch.images, epoch.receiver, bias, bias or None)
     bend = curvature(H[:, :3], cov[:3, :3], times - bias)
     if np.any(bend > epoch.std):
-        s = solve([epoch], mean, cov, _around(mean, cov), config)
-        return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost)
+        s = solve([epoch], mean, cov, around(mean, cov), config)
+        return ToaEstimate(epoch.t_ns, s.mean, s.cov, s.used, s.rejected, s.cost, s.inside)
     innovations, variances, sway = epoch.time - times - bend, np.square(epoch.std), _sway(epoch, H)
     weights = _weights(innovations, (H.dot(cov) * H).sum(axis=1) + np.diagonal(sway), variances, config)
     R = np.diag(variances / weights + 2 * np.square(bend)) + sway
@@ -51,9 +52,10 @@ def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEsti
         cov, H = _with_bias(cov), np.column_stack([H, by_emission(mean, H)])
     keep = np.flatnonzero(weights > _LEAST_WEIGHT)
     a = absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], config.arrivals.gate_sigma)
+    size, accepted = len(mean), np.zeros(len(epoch.time), dtype=bool)
+    accepted[keep[a.rows]] = True
     rejected = len(epoch.time) - a.used
-    size = len(mean)
-    return ToaEstimate(epoch.t_ns, mean + a.change[:size], a.cov[:size, :size], a.used, rejected, a.nis)
+    return ToaEstimate(epoch.t_ns, mean + a.change[:size], a.cov[:size, :size], a.used, rejected, a.nis, accepted)
 
 
 _LEAST_WEIGHT = 0.01  # of an arrival; one below counts as rejected, so that a lost target is noticed
@@ -83,7 +85,15 @@ def _with_bias(cov: Array) -> Array:
     return whole
 
 
-def _around(mean: Array, cov: Array) -> Array:
+def too_open(epoch: Epoch, mean: Array, cov: Array) -> bool:
+    """Whether the horizontal position is so uncertain that an arrival's ring is no straight line any more."""
+    horizontal = cov[:3, :3].copy()
+    horizontal[2] = horizontal[:, 2] = 0.0
+    times, H = heard_times(mean, epoch.images, epoch.receiver)
+    return bool(np.any(curvature(H[:, :3], horizontal, times) > epoch.std))
+
+
+def around(mean: Array, cov: Array) -> Array:
     """(5, 7) start points: the mean, and 2 sigma to either side along both horizontal axes of the covariance."""
     values, axes = np.linalg.eigh(cov[:2, :2])
     starts = np.tile(mean, (5, 1))
@@ -97,8 +107,13 @@ class Absorbed(NamedTuple):
 
     change: Array  # (D,) of the mean
     cov: Array  # (D, D) after
-    used: int  # arrivals within the gate
+    rows: AnyArray  # the arrivals within the gate
     nis: float  # sum of squares of their normalised innovations
+
+    @property
+    def used(self) -> int:
+        """How many are within the gate."""
+        return len(self.rows)
 
 
 def absorb(cov: Array, innovations: Array, H: Array, R: Array, gate_sigma: float) -> Absorbed:
@@ -121,10 +136,11 @@ def absorb(cov: Array, innovations: Array, H: Array, R: Array, gate_sigma: float
     nis = float(white.dot(white))
     if nis > gate_sigma**2 and np.abs(white).max() > gate_sigma:
         keep = _within_gate(joint[:n, :n], innovations[:, None], gate_sigma)
-        return absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], np.inf)
+        inside = absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], np.inf)
+        return inside._replace(rows=keep)
     root = L[n:, n:-1]
     after = root.dot(root.T)
-    return Absorbed(after[-1, :-1], after[:-1, :-1], n, nis)
+    return Absorbed(after[-1, :-1], after[:-1, :-1], np.arange(n), nis)
 
 
 def _joint(cov: Array, innovations: Array, H: Array, R: Array) -> Array:
