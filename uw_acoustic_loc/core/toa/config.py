@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ...config import group, param
@@ -11,6 +12,7 @@ from ...config import group, param
 class ArrivalNoise:
     """How far an arrival may be off: its own std, and impulses on top of it."""
 
+    arrival_std: float = param(1e-3, unit="s", low=1e-9, doc="of an arrival whose std is not given: 0, negative or NaN")
     gate_sigma: float = param(3.5, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
     noise: str = param("gaussian", choices=("gaussian", "mixture"), doc="of the arrivals; mixture: with impulses")
     impulse_fraction: float = param(0.2, low=0, high=1, changeable=True, doc="this and below: for a noise of mixture")
@@ -74,8 +76,11 @@ class Acquisition:
     initial_position_std: tuple[float, ...] = param((10.0, 10.0, 10.0), unit="m", low=1e-3, length=3)
     initial_velocity: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m/s", length=3)
     initial_velocity_std: tuple[float, ...] = param((2.0, 2.0, 0.5), unit="m/s", low=1e-3, length=3)
+    max_speed: float = param(20.0, unit="m/s", low=0.1, doc="no target is faster")
     start_epochs: int = param(5, low=1, high=50, doc="solved together at a start, before the filter goes on alone")
-    lost_epochs: int = param(3, low=1, doc="in a row with half the arrivals rejected: the target is acquired anew")
+    lost_epochs: int = param(
+        3, low=1, doc="a target is acquired anew when half of what is heard was rejected so often in a row"
+    )
 
     def __post_init__(self) -> None:
         for name in ("initial_position", "initial_position_std", "initial_velocity", "initial_velocity_std"):
@@ -100,6 +105,7 @@ class Receivers:
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     moving_receivers: bool = param(False, doc="buoys/positions comes all the time, and is taken in stamp order")
     buoy_clock_offset_std: float = param(0.0, unit="s", low=0, doc="of each clock at the start; 0 = all are right")
+    range_bias_std: float = param(0.0, unit="m", low=0, doc="of each receiver's constant range error; 0 = none has any")
     buoy_clock_drift_std: float = param(0.0, unit="s/s", low=0, doc="of each clock, constant; 0 = none drifts")
     mooring_ids: tuple[str, ...] = param((), doc="moorings whose `mooring/<id>/odometry` moves a receiver along x")
     mooring_receivers: tuple[int, ...] = param((), low=0, high=65535, doc="the receiver on each of mooring_ids")
@@ -135,3 +141,10 @@ class ToaConfig:
     pressure: PressureSensor = group(PressureSensor)
     receivers: Receivers = group(Receivers)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")
+
+    @property
+    def clock_stds(self) -> tuple[float, ...]:
+        """Of each receiver: none, its offset in s, or that and its drift; a range bias is an offset of the clock."""
+        r = self.receivers
+        offset = math.hypot(r.buoy_clock_offset_std, r.range_bias_std / self.water.start_sound_speed)
+        return tuple(std for std in (offset, r.buoy_clock_drift_std) if std > 0)

@@ -1,8 +1,8 @@
 """The buoy tracker's motion model and times of arrival (Choi 2025, eq. 1-7).
 
 State (7,): position x y z (m, map, z up), velocity (m/s), effective sound speed (m/s). Where the receivers' clocks are
-estimated, by how many s each is ahead and its drift follow: all offsets in the order of the net's rows, then, with a
-drift, all drifts.
+estimated, or their ranges' biases, by how many s each is ahead and its drift follow: all offsets in the order of the
+net's rows, then, with a drift, all drifts.
 """
 
 from __future__ import annotations
@@ -57,8 +57,7 @@ def water_column(water: Water) -> tuple[float, float]:
 
 def with_clocks(mean: Array, cov: Array, receivers: int, config: ToaConfig) -> tuple[Array, Array]:
     """Mean (7,) and covariance (7, 7) followed by the prior of the clocks, when there is one."""
-    stds = [s for s in (config.receivers.buoy_clock_offset_std, config.receivers.buoy_clock_drift_std) if s > 0]
-    variances = np.concatenate([np.diagonal(cov), np.repeat(np.square(stds), receivers)])
+    variances = np.concatenate([np.diagonal(cov), np.repeat(np.square(config.clock_stds), receivers)])
     whole = np.diag(variances)
     whole[:STATES, :STATES] = cov
     return np.concatenate([mean, np.zeros(len(variances) - STATES)]), whole
@@ -71,7 +70,7 @@ def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Arra
     """
     F, Q = _step(dt, config.process)
     if len(mean) > STATES:
-        F, Q = _with_drift(F, Q, len(mean), dt * (config.receivers.buoy_clock_drift_std > 0))
+        F, Q = _with_drift(F, Q, len(mean), dt * (len(config.clock_stds) > 1))
     return _in_water(F.dot(mean), F.dot(cov).dot(F.T) + Q, config.water)
 
 

@@ -74,26 +74,33 @@ def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Ar
     return ReceiverNet(index, images, np.zeros(len(index)) if sway is None else sway)
 
 
-def screen(arrivals: Arrivals, net: ReceiverNet, max_delay: float = math.inf) -> tuple[Epoch, Counter[str]]:
-    """The usable rows, and how many were refused for which reason; a row is counted once."""
+def screen(
+    arrivals: Arrivals, net: ReceiverNet, max_delay: float = math.inf, std: float = math.nan
+) -> tuple[Epoch, Counter[str]]:
+    """The usable rows, and how many were refused for which reason; a row is counted once.
+
+    `std` stands in for one that is not given (0, negative, NaN); an arrival that is no better known than `max_delay`
+    says nothing.
+    """
     receiver = np.array([net.index.get(name, -1) for name in arrivals.receiver.tolist()], dtype=np.intp)
     path = np.asarray(arrivals.path, dtype=np.intp)
-    time, std = np.asarray(arrivals.time, dtype=float), np.asarray(arrivals.std, dtype=float)
+    time, given = np.asarray(arrivals.time, dtype=float), np.asarray(arrivals.std, dtype=float)
+    stds = np.where(given > 0, given, std)
     known = (path >= 0) & (path <= Arrivals.SURFACE)
     modelled = known & ((path == 0) | np.isfinite(net.images[np.where(known, path, 0), receiver, 0]))
     good = np.ones(len(time), dtype=bool)
     refused: Counter[str] = Counter()
     for reason, passed in (
-        ("not_finite", np.isfinite(time) & np.isfinite(std)),
+        ("not_finite", np.isfinite(time)),
         ("negative_time", time >= 0),
         ("from_the_future", time <= max_delay),
-        ("std_not_positive", std > 0),
+        ("no_information", stds < max_delay),
         ("unknown_receiver", receiver >= 0),
         ("path_not_modelled", modelled),
     ):
         refused[reason] = int(np.count_nonzero(good & ~passed))
         good &= passed
-    usable = Epoch(arrivals.t_ns, net, receiver, path, time, std, np.asarray(arrivals.snr, dtype=float)).rows(good)
+    usable = Epoch(arrivals.t_ns, net, receiver, path, time, stds, np.asarray(arrivals.snr, dtype=float)).rows(good)
     epoch = _without_repetitions(usable)
     refused["repeated"] = len(usable.time) - len(epoch.time)
     return epoch, +refused

@@ -46,18 +46,14 @@ def cold_prior(net: ReceiverNet, config: ToaConfig) -> tuple[Array, Array]:
 
 
 def believable(mean: Array, net: ReceiverNet, config: ToaConfig) -> bool:
-    """Whether a state is one that a start without a position would allow, and the water.
-
-    Six standard deviations of the velocity at the start, for a target that speeds up; three of the water column's z.
-    """
+    """Whether a state is within what is known beforehand: near the net, in the water (3 sigma), at no absurd speed."""
     centre, spread = net.images[1].mean(axis=0), 10 * _extent(net) + 1000
     middle, half = water_column(config.water)
-    x, y, z, *velocity, speed = mean[:7].tolist()
-    start = zip(velocity, config.start.initial_velocity, config.start.initial_velocity_std, strict=True)
+    x, y, z, vx, vy, vz, speed = mean[:7].tolist()
     return (
         math.hypot(x - centre[0], y - centre[1]) <= spread
         and abs(z - middle) <= 3 * half
-        and all(abs(v - at_first) <= 6 * std for v, at_first, std in start)
+        and math.hypot(vx, vy, vz) <= config.start.max_speed
         and SLOWEST <= speed <= FASTEST
     )
 

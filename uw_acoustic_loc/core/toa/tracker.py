@@ -56,6 +56,11 @@ class ToaTracker:
         return self._now.estimate is not None
 
     @property
+    def second(self) -> tuple[int, Array] | None:
+        """Stamp and position (3,) of another target that arrivals fitted which the track has rejected; or None."""
+        return self._now.second
+
+    @property
     def counts(self) -> Counter[str]:
         """Arrivals used, gated and refused by reason; messages that came late; targets lost."""
         counts = self._refused.copy()
@@ -67,7 +72,7 @@ class ToaTracker:
 
         Where clocks are estimated, other receivers are a new start.
         """
-        if config.receivers.buoy_clock_offset_std > 0 and net.index != self._net.index:
+        if config.clock_stds and net.index != self._net.index:
             self._now, self._history = _Memory(counts=self._now.counts), deque()
         self._config, self._net = config, net
 
@@ -84,7 +89,7 @@ class ToaTracker:
         Raises:
             ValueError: a stamp older than the last one by more than `rewind`.
         """
-        epoch, refused = screen(arrivals, self._net, self._config.max_delay)
+        epoch, refused = screen(arrivals, self._net, self._config.max_delay, self._config.arrivals.arrival_std)
         later = self._taken_back(epoch.t_ns)
         self._refused.update(refused)
         epoch = replace(epoch, height=self._height_at(epoch.t_ns))
@@ -181,6 +186,8 @@ class ToaTracker:
         estimate = replace(updated(associated, mean, cov, self._config), paths=paths)
         agreement = self._now.agreement.after(epoch, associated, estimate.accepted)
         self._now = replace(self._now, estimate=estimate, agreement=agreement)
+        if not estimate.used and len(set(epoch.receiver.tolist())) >= _PLACE:
+            self._meet(epoch)
         if agreement.lost(self._config.start.lost_epochs):
             return self._lost()
         if agreement.contested(epoch.t_ns, self._config.start.start_epochs) and (better := self._contested(estimate)):
@@ -189,7 +196,7 @@ class ToaTracker:
         return estimate
 
     def _wait_for_more(self, epoch: Epoch, mean: Array, cov: Array) -> ToaEstimate | None:
-        """After a silence one receiver alone says nothing that a normal distribution could: it takes several at once."""
+        """After a silence the arrivals of one receiver leave a ring, which is no normal distribution."""
         self._now = replace(self._now, estimate=None, prior=(mean, cov), recent=(epoch,))
         return self._acquire()
 
@@ -197,6 +204,15 @@ class ToaTracker:
         self._now.counts["lost"] += 1
         self._now = replace(self._now, estimate=None)
         return self._acquire()
+
+    def _meet(self, epoch: Epoch) -> None:
+        """Whether epochs that are rejected as a whole are those of another target, on the same topic."""
+        strangers = last_rounds((*self._now.strangers, epoch), self._config.start.start_epochs)
+        self._now = replace(self._now, strangers=strangers)
+        if has_rounds(strangers, self._config.start.start_epochs):
+            found = self._solve([associate_by_order(one) for one in strangers], None)
+            second = (found.t_ns, found.mean[:3]) if found else self._now.second
+            self._now = replace(self._now, strangers=(), second=second)
 
     def _contested(self, estimate: ToaEstimate) -> ToaEstimate | None:
         """A place that suits more of the last arrivals than the track does, found without it; None if there is none."""
