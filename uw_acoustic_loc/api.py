@@ -24,8 +24,8 @@ from .core.mooring.estimator import make_filter as mooring_filter
 from .core.mooring.model import MooringConfig
 from .core.mooring.model import step_of as mooring_step
 from .core.multistatic.bound import cramer_rao as sonar_bound
-from .core.multistatic.estimator import Net as SonarNet
 from .core.multistatic.estimator import Noise as SonarNoise
+from .core.multistatic.estimator import SonarNet
 from .core.multistatic.estimator import locate as locate_target
 from .core.slam.config import SlamConfig
 from .core.slam.filter import SourceBearing
