@@ -12,7 +12,7 @@ from ...config import param
 from ..geometry import wrap_angle
 from ..types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
 from .array_motion import ArrayMotion
-from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance
+from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance, lobe_width
 from .hydrophone_health import HydrophoneHealth
 from .listener import Heard, Listener, check_frame, check_info
 from .ping_schedule import Timing
@@ -190,11 +190,12 @@ class BearingEstimator:
         c = self._config
         if c.filter == "none":
             return LastPeak()
+        lobe = lobe_width(self._info.spacing, self._sound_speed, sum(c.bands[source]) / 2)
         if c.filter == "histogram":
-            return HistogramFilter(self._info.spacing, self._sound_speed)
+            return HistogramFilter(self._info.spacing, self._sound_speed, lobe)
         rng = np.random.default_rng([c.seed, source, side + 1])
         ranges = (c.range_min, c.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.particles, rng)
+        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.particles, rng, lobe)
 
     def _successor(self, source: int, side: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
@@ -215,7 +216,7 @@ class BearingEstimator:
         track.tdoa_std = c.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
         likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.height_std, self._max_lag)
         track.pings += 1
-        track.clipped += bool(abs(ping.correlation.tdoas[0]) > self._max_lag)
+        track.clipped += bool(abs(ping.correlation.tdoas[0]) >= self._max_lag)
         track.snr_db = ping.snr_db
         middle_ns = ping.t_ns + round(0.5e9 * c.pulse_length)
         self._predict(track, middle_ns)
