@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .config import build
+from .config import build, values_of
 from .contract import Input, Output, Stage
 from .graph import GraphNode
 from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
@@ -64,7 +64,7 @@ def wire_stage(node: GraphNode) -> StageWiring:
     stage = _named(where, make_stage)
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
-    settings = {**dataclasses.asdict(config), **dataclasses.asdict(runner)}
+    settings = {**values_of(config), **values_of(runner)}
     return StageWiring(node, inputs, outputs, settings, make_stage=make_stage, lateness=runner.lateness)
 
 

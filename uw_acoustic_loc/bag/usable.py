@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..config import build
+from ..config import build, parameters
 from ..contract import Input, Stage
 from ..stages.catalog import STAGES, stage_class
 from ..wire.codec import codec
@@ -104,7 +104,7 @@ def _use(name: str, space: str, inputs: Sequence[Input], kinds: _Kinds, made: Ma
 def _stage(name: str) -> Stage:
     """An estimator with its default parameters, for any id."""
     cls = stage_class(name)
-    fields = {f.name for f in dataclasses.fields(cls.Config)}
+    fields = parameters(cls.Config)
     ids: dict[str, Any] = {key: [_ANY] for key in ("source_ids", "mooring_ids") if key in fields}
     if "mooring_receivers" in fields:
         del ids["mooring_ids"]  # a mooring's own tracker looks for those; here they are an extra

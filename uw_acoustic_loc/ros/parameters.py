@@ -11,7 +11,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..config import build, limits_of
+from ..config import build, limits_of, parameters, values_of
 from ..resolved_graph import OF_RCLPY
 
 
@@ -26,40 +26,39 @@ def given_parameters(node: Node) -> dict[str, Any]:
 
 
 def declare(node: Node, config: Any) -> None:
-    """Declares every field of a config with its value, unit and range (replacing what rclpy declared untyped)."""
-    for field in dataclasses.fields(config):
-        if node.has_parameter(field.name):
-            node.undeclare_parameter(field.name)
-        value = getattr(config, field.name)
-        value = list(value) if isinstance(value, tuple) else value
-        node.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
+    """Declares every parameter of a config with its value, unit and range (replacing what rclpy declared untyped)."""
+    values = values_of(config)
+    for name, field in parameters(type(config)).items():
+        if node.has_parameter(name):
+            node.undeclare_parameter(name)
+        value = list(values[name]) if isinstance(values[name], tuple) else values[name]
+        node.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
 
 
 def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Callable[[Any], None]) -> None:
     """Checks run-time changes with the builder and `allow`, refuses what cannot change, `apply`s the new config."""
     current = [config]
-    changeable = {f.name for f in dataclasses.fields(config) if limits_of(f).changeable}
-    known = {f.name for f in dataclasses.fields(config)}
+    known = parameters(type(config)).keys()
+    changeable = {name for name, field in parameters(type(config)).items() if limits_of(field).changeable}
 
-    def rebuilt(parameters: list[Parameter]) -> Any:
-        values = {f.name: getattr(current[0], f.name) for f in dataclasses.fields(config)}
-        values |= {p.name: p.value for p in parameters if p.name in known}
+    def rebuilt(given: list[Parameter]) -> Any:
+        values = values_of(current[0]) | {p.name: p.value for p in given if p.name in known}
         return build(type(config), values, f"node {node.get_fully_qualified_name()}")
 
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
+    def check(given: list[Parameter]) -> SetParametersResult:
+        for parameter in given:
             if parameter.name in known - changeable:
                 reason = f"{parameter.name} cannot change while the node runs, only {', '.join(sorted(changeable))} can"
                 return SetParametersResult(successful=False, reason=reason)
         try:
-            allow(rebuilt(parameters))
+            allow(rebuilt(given))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def changed(parameters: list[Parameter]) -> None:
-        if any(parameter.name in known for parameter in parameters):
-            current[0] = rebuilt(parameters)
+    def changed(given: list[Parameter]) -> None:
+        if any(parameter.name in known for parameter in given):
+            current[0] = rebuilt(given)
             apply(current[0])
 
     node.add_on_set_parameters_callback(check)

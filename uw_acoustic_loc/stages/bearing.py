@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import ClassVar
 
 from ..contract import Emission, Input, Output, Status
-from ..core.bearing.estimator import BearingConfig, BearingEstimator, SourceTrack
+from ..core.bearing.config import BearingConfig
+from ..core.bearing.estimator import BearingEstimator, SourceTrack
 from ..core.types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
 
 _CLOUD_PERIOD_NS = 500_000_000

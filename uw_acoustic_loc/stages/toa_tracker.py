@@ -10,9 +10,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Status
+from ..core.toa.config import ToaConfig
 from ..core.toa.model import STATES, height_from_pressure
 from ..core.toa.paths import Net, make_net
-from ..core.toa.tracker import ToaConfig, ToaEstimate, ToaTracker
+from ..core.toa.tracker import ToaEstimate, ToaTracker
 from ..core.types import Array, ArrivalPaths, Arrivals, NodePositions, Odometry, Pressure, Scalar
 
 UNKNOWN_VARIANCE = 1e6  # rad^2, rad^2/s^2: of attitude and turn rate, which arrivals say nothing of
@@ -33,21 +34,23 @@ class ToaTrackerStage:
         self._tracker: ToaTracker | None = None
         self._last: ToaEstimate | None = None
         self._unused = 0
-        if config.receiver_ids:
-            self._use(list(config.receiver_ids), np.array(config.receiver_positions).reshape(-1, 3))
+        if config.receivers.receiver_ids:
+            self._use(list(config.receivers.receiver_ids), np.array(config.receivers.receiver_positions).reshape(-1, 3))
 
     @property
     def inputs(self) -> tuple[Input, ...]:
         rewind = self._config.rewind
         arrivals = Input("buoys/arrivals", Arrivals, self._on_arrivals, frame="map", rewind=rewind)
         inputs = [arrivals]
-        if self._config.pressure_std > 0:
+        if self._config.pressure.pressure_std > 0:
             inputs.insert(0, Input("pressure", Pressure, self._on_pressure))
-        for name, receiver in zip(self._config.mooring_ids, self._config.mooring_receivers, strict=True):
+        for name, receiver in zip(
+            self._config.receivers.mooring_ids, self._config.receivers.mooring_receivers, strict=True
+        ):
             handler = partial(self._on_mooring, receiver)
             inputs.insert(0, Input(f"mooring/{name}/odometry", Odometry, handler, frame="map"))
-        if not self._config.receiver_ids:
-            once = not self._config.moving_receivers
+        if not self._config.receivers.receiver_ids:
+            once = not self._config.receivers.moving_receivers
             inputs.insert(0, Input("buoys/positions", NodePositions, self._on_positions, frame="map", latched=once))
         return tuple(inputs)
 
@@ -96,12 +99,12 @@ class ToaTrackerStage:
         if measured.variance < 0 or measured.pressure < 0:
             raise ValueError(f"pressure must not be negative, got {measured.pressure:g} Pa, {measured.variance:g} Pa^2")
         if self._tracker:
-            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config)
+            z, variance = height_from_pressure(measured.pressure, measured.variance, self._config.pressure)
             self._tracker.measure_height(measured.t_ns, z, variance)
         yield from ()
 
     def _use(self, ids: list[int], positions: Array) -> None:
-        make_net(ids, positions, self._config.bottom_depth)  # refuses what is wrong before anything is kept
+        make_net(ids, positions, self._config.water.bottom_depth)  # refuses what is wrong before anything is kept
         self._nodes = (ids, positions)
         self._refresh()
 
@@ -118,7 +121,7 @@ class ToaTrackerStage:
     def _net(self, ids: list[int], positions: Array) -> Net:
         swayed = np.array([self._swayed.get(name, (0.0, 0.0)) for name in ids])
         moved = positions + np.outer(swayed[:, 0], [1.0, 0.0, 0.0])
-        return make_net(ids, moved, self._config.bottom_depth, swayed[:, 1])
+        return make_net(ids, moved, self._config.water.bottom_depth, swayed[:, 1])
 
     def _on_arrivals(self, arrivals: Arrivals) -> Iterator[Emission]:
         if self._tracker is None:

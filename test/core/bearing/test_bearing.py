@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.config import build
-from uw_acoustic_loc.core.bearing.estimator import BearingConfig, BearingEstimator
+from uw_acoustic_loc.core.bearing.config import BearingConfig
+from uw_acoustic_loc.core.bearing.estimator import BearingEstimator
 from uw_acoustic_loc.core.geometry import hydrophone_positions, quat_from_yaw
 from uw_acoustic_loc.core.types import HydrophoneInfo, Odometry, Samples
 from uw_acoustic_loc.sim.acoustics import images, pulse

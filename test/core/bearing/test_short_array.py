@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.bearing.estimator import BearingConfig, BearingEstimator
+from uw_acoustic_loc.core.bearing.config import BearingConfig, BearingNoise
+from uw_acoustic_loc.core.bearing.estimator import BearingEstimator
 from uw_acoustic_loc.studies.bearing.ping_scene import PingScene
 
 BAND = (28.5e3, 31.5e3)
@@ -27,7 +28,7 @@ def scene(spacing=0.019, pulse_length=0.004):
 def errors(scene_, azimuth, snr_db, pings, filter_, **config):
     """(n, 2) error and published standard deviation in degrees of the pings at one azimuth."""
     state = BearingEstimator(
-        BearingConfig(("p",), BAND[:1], BAND[1:], filter=filter_, elevation_std=0.0, **config), scene_.info
+        BearingConfig(("p",), BAND[:1], BAND[1:], filter_, noise=BearingNoise(elevation_std=0.0), **config), scene_.info
     )
     rng, t_ns = np.random.default_rng([5, round(math.degrees(azimuth))]), scene_.info.t_ns
     frames = (scene_.frame(azimuth, snr_db, rng, t_ns + k * 10**8) for k in range(pings))

@@ -193,7 +193,8 @@ class Correlator:
         """Per row (2, P): lags and heights of the strongest maxima over the possible lags, the strongest first.
 
         The largest lag itself is one if the correlation still rises there: a maximum beyond it is no source's, and with
-        elements half a wavelength apart the next carrier cycle would win. Parabolas are compared: the raw grid would favour some maxima. They leave tens of ns, a tenth of what echoes do.
+        elements half a wavelength apart the next carrier cycle would win. Parabolas are compared: the raw grid would
+        favour some maxima. They leave tens of ns, a tenth of what echoes do.
         """
         rise = np.diff(values)
         falls = rise < 0

@@ -8,12 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..types import AnyArray, Array
-from .model import STATES, ToaConfig, arrival_times
+from .config import ToaConfig
+from .model import STATES, arrival_times
 
 
 def with_clocks(mean: Array, cov: Array, receivers: int, config: ToaConfig) -> tuple[Array, Array]:
     """Mean (7,) and covariance (7, 7) followed by the prior of the clocks, when there is one."""
-    stds = [s for s in (config.buoy_clock_offset_std, config.buoy_clock_drift_std) if s > 0]
+    stds = [s for s in (config.receivers.buoy_clock_offset_std, config.receivers.buoy_clock_drift_std) if s > 0]
     variances = np.concatenate([np.diagonal(cov), np.repeat(np.square(stds), receivers)])
     whole = np.diag(variances)
     whole[:STATES, :STATES] = cov

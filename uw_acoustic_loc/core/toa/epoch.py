@@ -8,7 +8,8 @@ import numpy as np
 
 from ..types import Array, ArrivalPaths
 from .clock import heard_times
-from .model import BIAS_STD, ToaConfig, by_emission, curvature, impulsive_noise
+from .config import ToaConfig
+from .model import BIAS_STD, by_emission, curvature, impulsive_noise
 from .paths import Epoch
 from .robust import mixture_weights
 from .solver import solve
@@ -49,7 +50,7 @@ def updated(epoch: Epoch, mean: Array, cov: Array, config: ToaConfig) -> ToaEsti
     if config.emission == "unknown":
         cov, H = _with_bias(cov), np.column_stack([H, by_emission(mean, H)])
     keep = np.flatnonzero(weights > _LEAST_WEIGHT)
-    a = absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], config.gate_sigma)
+    a = absorb(cov, innovations[keep], H[keep], R[np.ix_(keep, keep)], config.arrivals.gate_sigma)
     rejected = len(epoch.time) - a.used
     size = len(mean)
     return ToaEstimate(epoch.t_ns, mean + a.change[:size], a.cov[:size, :size], a.used, rejected, a.nis)
@@ -63,9 +64,9 @@ def _weights(innovations: Array, predicted: Array, variances: Array, config: Toa
 
     `predicted` (n,): the variances of the predictions without the noise.
     """
-    if config.noise == "gaussian":
+    if config.arrivals.noise == "gaussian":
         return np.ones(len(innovations))
-    return mixture_weights(innovations / np.sqrt(variances), predicted / variances, impulsive_noise(config))
+    return mixture_weights(innovations / np.sqrt(variances), predicted / variances, impulsive_noise(config.arrivals))
 
 
 def _sway(epoch: Epoch, H: Array) -> Array:

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..types import AnyArray, Array
 from .clock import heard_times
-from .model import BIAS_STD, ToaConfig, by_emission, process_noise, water_column
+from .config import ToaConfig
+from .model import BIAS_STD, by_emission, process_noise, water_column
 from .paths import Epoch, Net
 
 
@@ -34,10 +35,12 @@ class Start:
 def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
     """Mean and covariance that say nothing of the horizontal position, and of z that it is in the water."""
     receivers = net.images[1]
-    middle, half = water_column(config)
+    middle, half = water_column(config.water)
     spread = 10 * _extent(net) + 1000
-    mean = np.array([*receivers.mean(axis=0)[:2], middle, *config.initial_velocity, config.start_sound_speed])
-    std = np.array([spread, spread, half, *config.initial_velocity_std, config.sound_speed_std])
+    mean = np.array(
+        [*receivers.mean(axis=0)[:2], middle, *config.start.initial_velocity, config.water.start_sound_speed]
+    )
+    std = np.array([spread, spread, half, *config.start.initial_velocity_std, config.water.sound_speed_std])
     return mean, np.diag(std**2)
 
 
@@ -76,7 +79,7 @@ class _Problem:
         self._epoch = np.repeat(np.arange(len(epochs)), [len(e.time) for e in epochs])
         since = np.array([(e.t_ns - epochs[-1].t_ns) * 1e-9 for e in epochs])
         self._since = since[self._epoch]
-        Q = [np.diag(process_noise(-age, config))[[0, 1, 2, 6]] for age in since]
+        Q = [np.diag(process_noise(-age, config.process))[[0, 1, 2, 6]] for age in since]
         self._walk = np.array(Q)[self._epoch]
         self._biases = len(epochs) if config.emission == "unknown" else 0
         self._mean = np.concatenate([mean, np.zeros(self._biases)])
@@ -87,7 +90,7 @@ class _Problem:
     def scale(self, starts: Array) -> float:
         """By how many s the best of the start points may be wrong."""
         if len(starts) > 1:
-            return float(np.ptp(starts[:, 0])) / 6 / self._config.start_sound_speed
+            return float(np.ptp(starts[:, 0])) / 6 / self._config.water.start_sound_speed
         cov = np.linalg.inv(self._information[: self._size, : self._size])
         return float(np.sqrt(np.trace(cov[:3, :3]) + np.max(self._variance) * starts[0, 6] ** 2) / starts[0, 6])
 
@@ -120,13 +123,13 @@ class _Problem:
             scale /= 2
         for _ in range(4):
             r, J, variance = self.residuals(x)
-            inside = np.square(r) <= self._config.gate_sigma**2 * variance
+            inside = np.square(r) <= self._config.arrivals.gate_sigma**2 * variance
             x = self._step(x, r, J, inside / variance)
         return self._solution(x)
 
     def _solution(self, x: Array) -> Start:
         r, J, variance = self.residuals(x)
-        squares, limit = np.square(r) / variance, self._config.gate_sigma**2
+        squares, limit = np.square(r) / variance, self._config.arrivals.gate_sigma**2
         inside = squares <= limit
         cov = np.linalg.inv(self._normal(J, inside / variance))[: self._size, : self._size]
         used = int(inside.sum())

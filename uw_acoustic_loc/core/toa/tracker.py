@@ -13,8 +13,9 @@ import numpy as np
 
 from ..types import AnyArray, Array, ArrivalPaths, Arrivals
 from .clock import heard_times, with_clocks
+from .config import ToaConfig
 from .epoch import ToaEstimate, emission_bias, updated
-from .model import ToaConfig, predict, with_height
+from .model import predict, with_height
 from .paths import Epoch, Net, ambiguous, associate, associate_by_order, merged, screen
 from .solver import Start, cold_prior, cold_starts, solve
 
@@ -42,7 +43,7 @@ class ToaTracker:
 
     def __init__(self, config: ToaConfig, net: Net) -> None:
         self._config, self._net = config, net
-        self._now = _Memory(prior=None if config.cold_start else _given_prior(config, net))
+        self._now = _Memory(prior=None if config.start.cold_start else _given_prior(config, net))
         self._history: deque[tuple[_Memory, Epoch]] = deque()  # what was known before an epoch, and the epoch
         self._height: tuple[int, float, float] | None = None
         self._refused: Counter[str] = Counter()
@@ -64,7 +65,7 @@ class ToaTracker:
 
         Where clocks are estimated, other receivers are a new start.
         """
-        if config.buoy_clock_offset_std > 0 and net.index != self._net.index:
+        if config.receivers.buoy_clock_offset_std > 0 and net.index != self._net.index:
             self._now, self._history = _Memory(counts=self._now.counts), deque()
         self._config, self._net = config, net
 
@@ -117,7 +118,7 @@ class ToaTracker:
         self._history.append((self._now, epoch))
         while self._history[0][1].t_ns < epoch.t_ns - self._config.rewind * 1e9:
             self._history.popleft()
-        recent = (*self._now.recent, epoch)[-self._config.start_epochs :]
+        recent = (*self._now.recent, epoch)[-self._config.start.start_epochs :]
         self._now = replace(self._now, t_ns=epoch.t_ns, recent=recent, counts=self._now.counts.copy())
         estimate = self._track(epoch) if self._now.estimate else self._acquire()
         if estimate:
@@ -135,7 +136,7 @@ class ToaTracker:
             sorted_anew = [self._by_prediction(epoch, estimate) for epoch in self._now.recent]
             estimate = self._solve([epoch for epoch, _ in sorted_anew], estimate.mean)
             estimate = estimate and replace(estimate, paths=sorted_anew[-1][1])
-        if len(self._now.recent) == self._config.start_epochs:  # the prior has served, or it is wrong
+        if len(self._now.recent) == self._config.start.start_epochs:  # the prior has served, or it is wrong
             self._now = replace(self._now, estimate=estimate, misled=0, prior=None)
         return estimate
 
@@ -172,7 +173,7 @@ class ToaTracker:
         estimate = replace(updated(associated, mean, cov, self._config), paths=paths)
         misled = self._now.misled + 1 if estimate.rejected >= max(estimate.used, 1) else 0
         self._now = replace(self._now, estimate=estimate, misled=misled)
-        if misled < self._config.lost_epochs:
+        if misled < self._config.start.lost_epochs:
             return estimate
         self._now.counts["lost"] += 1
         self._now = replace(self._now, estimate=None)
@@ -187,7 +188,7 @@ class ToaTracker:
             times, H = heard_times(mean, images, receiver, bias, bias)
             return times, H @ cov @ H.T
 
-        found, paths = associate(epoch, predictor, self._config.gate_sigma)
+        found, paths = associate(epoch, predictor, self._config.arrivals.gate_sigma)
         self._now.counts["unassociated"] += len(epoch.time) - len(found.time)
         return found, paths
 
@@ -202,6 +203,8 @@ _OLD_NS = 10_000_000_000  # a height is not used after that
 
 
 def _given_prior(config: ToaConfig, net: Net) -> tuple[Array, Array]:
-    std = np.array([*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std])
-    mean = np.array([*config.initial_position, *config.initial_velocity, config.start_sound_speed])
+    std = np.array(
+        [*config.start.initial_position_std, *config.start.initial_velocity_std, config.water.sound_speed_std]
+    )
+    mean = np.array([*config.start.initial_position, *config.start.initial_velocity, config.water.start_sound_speed])
     return with_clocks(mean, np.diag(std**2), len(net.index), config)

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.bearing.estimator import BearingConfig, BearingEstimator
+from ...core.bearing.config import BearingConfig
+from ...core.bearing.estimator import BearingEstimator
 from ...core.geometry import wrap_angle
 from ...core.types import Array
 from ...sim.acoustics import pulse
