@@ -158,7 +158,7 @@ class NodePositions:
 
     t_ns: int
     id: AnyArray
-    role: AnyArray  # RECEIVER or TRANSMITTER
+    role: AnyArray  # RECEIVER, TRANSMITTER or REMOVED
     x: AnyArray
     y: AnyArray
     z: AnyArray
@@ -166,6 +166,7 @@ class NodePositions:
 
     RECEIVER = 0
     TRANSMITTER = 1
+    REMOVED = 2
 
     @property
     def positions(self) -> Array:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.localizer.bearing_ekf_moving import MovingBearingEkf
-from ..core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from ..core.localizer.config import LocalizerConfig
+from ..core.localizer.localizer import SourceLocalizer
 from ..core.localizer.particles import BearingParticles
 from ..core.localizer.reckoning import Reckoning
 from ..core.localizer.triangulation import PlanarFix
@@ -71,7 +72,10 @@ class BearingLocalizerStage(Stage):
         return Status(level, "; ".join(sentences) or "running", values)
 
     def _faults(self) -> Iterator[str]:
-        """What is wrong with odometry, as long as it is news."""
+        """What is wrong with odometry, or made a source restart, as long as it is news."""
+        for name, source in self._sources.items():
+            if source.restarts and self._heard_ns - source.restart_ns < _NEWS_NS:
+                yield f"{name} was restarted: {source.restart_reason}"
         last = self._reckoning.last
         if last is None:
             return

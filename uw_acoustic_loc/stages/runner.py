@@ -81,9 +81,12 @@ class Runner:
         return emissions
 
     def _latch(self, topic: str, value: Any) -> list[Emission]:
-        self._latched[topic] = value
-        self._waiting = bool(self.missing)
         emissions = self._handle(topic, value)
+        if emissions is None:  # what the stage has refused does not take the place of what it has
+            return []
+        merge = self._inputs[topic].merge
+        self._latched[topic] = merge(self._latched[topic], value) if merge and topic in self._latched else value
+        self._waiting = bool(self.missing)
         while self._held and not self._waiting:
             emissions += self._stream(*self._held.popleft())
         return emissions
@@ -118,14 +121,15 @@ class Runner:
             self._refuse("overflowed", lost, f"still waiting for {', '.join(self.missing)}")
 
     def _handle_all(self, ordered: Iterable[tuple[str, Any]]) -> list[Emission]:
-        return [emission for topic, value in ordered for emission in self._handle(topic, value)]
+        return [emission for topic, value in ordered for emission in self._handle(topic, value) or ()]
 
-    def _handle(self, topic: str, value: Any) -> list[Emission]:
+    def _handle(self, topic: str, value: Any) -> list[Emission] | None:
+        """What the stage publishes; None when it has refused the message."""
         try:
             emissions = list(self._inputs[topic].handle(value))
         except ValueError as error:
             self._refuse("rejected", topic, str(error))
-            return []
+            return None
         self.counts[topic, "used"] += 1
         for out, _ in emissions:
             self.counts[out, "published"] += 1

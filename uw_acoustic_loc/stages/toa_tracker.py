@@ -12,7 +12,7 @@ import numpy as np
 from ..contract import Emission, Input, Output, Stage, Status
 from ..core.toa.config import ToaConfig
 from ..core.toa.model import STATES, height_from_pressure
-from ..core.toa.paths import Net, make_net
+from ..core.toa.paths import ReceiverNet, make_net
 from ..core.toa.tracker import ToaEstimate, ToaTracker
 from ..core.types import Array, Arrivals, NodePositions, Odometry, Pressure, Scalar
 from ..topics import known
@@ -116,7 +116,7 @@ class ToaTrackerStage(Stage):
         else:
             self._tracker = ToaTracker(self._config, net)
 
-    def _net(self, ids: list[int], positions: Array) -> Net:
+    def _net(self, ids: list[int], positions: Array) -> ReceiverNet:
         swayed = np.array([self._swayed.get(name, (0.0, 0.0)) for name in ids])
         moved = positions + np.outer(swayed[:, 0], [1.0, 0.0, 0.0])
         return make_net(ids, moved, self._config.water.bottom_depth, swayed[:, 1])

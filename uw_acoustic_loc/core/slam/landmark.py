@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry import mirror_bearing, wrap_angle
-from ..localizer.localizer import image_error
+from ..localizer.hypothesis import image_error
 from ..localizer.triangulation import PlanarFix, fits, meet, merged_pairs, nearest, residuals
 from ..types import Array
 from .config import SlamConfig
