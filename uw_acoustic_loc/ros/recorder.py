@@ -33,6 +33,7 @@ class RecorderConfig:
     bag: str = param(doc="folder to be made")
     topics: tuple[str, ...] = param((), doc="'name type' pairs to record; empty = every topic that appears")
     latched: tuple[str, ...] = param((), doc="names among topics that are latched")
+    resume: bool = param(False, doc="go on in a further file of a bag that exists")
     about: str = param("{}", doc="JSON of keys and texts that are stored with the bag")
 
 
@@ -45,7 +46,7 @@ class RecorderNode:
         try:
             self._config = build(RecorderConfig, given_parameters(self.node), where)
             about = {"made_by": "recorder", **_texts(self._config.about, where)}
-            self._writer = BagWriter(Path(self._config.bag), about)
+            self._writer = BagWriter(Path(self._config.bag), about, self._config.resume)
         except (ValueError, OSError) as error:
             raise Stop(1, str(error)) from None
         self._flushed = time.monotonic()

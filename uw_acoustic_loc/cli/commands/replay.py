@@ -31,7 +31,7 @@ def run(options: Namespace) -> int:
     player = player_node(graph, bag, options.rate, options.remap)
     first, last = bag.span()
     with progress("replay", (last - first) * 1e-9) as bar:
-        launched = LaunchOptions(options.output, player=player, progress=bar)
+        launched = LaunchOptions(options.output, bag_is_vital=True, player=player, progress=bar)
         launcher = Launcher(dataclasses.replace(graph, clock_rate=0.0), launched, NodeLog())
         code = launcher.run()
     deliveries = replay_deliveries(launcher.reports, bag, Bag(options.output)) if options.output.exists() else []
