@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.contract import Status
-from uw_acoustic_loc.core.slam.filter import SlamConfig
+from uw_acoustic_loc.core.slam.config import SlamConfig
 from uw_acoustic_loc.core.types import BodyVelocity, Imu
 from uw_acoustic_loc.sim.trajectory import Trajectory
 from uw_acoustic_loc.sim.vehicle import VehicleSource

@@ -6,7 +6,7 @@ import dataclasses
 import json
 from collections.abc import Iterable
 
-from ..resolved_graph import Wiring
+from ..resolved_graph import ResolvedNode
 from ..sim.scenario import Scenario
 
 
@@ -15,8 +15,8 @@ def about_scenario(scenario: Scenario) -> dict[str, str]:
     return {"seed": str(scenario.seed), "config": json.dumps(dataclasses.asdict(scenario))}
 
 
-def about_graph(wirings: Iterable[Wiring]) -> dict[str, str]:
+def about_graph(nodes: Iterable[ResolvedNode]) -> dict[str, str]:
     """Seeds and effective parameters of a graph's nodes, defaults included."""
-    config = {wiring.node.full_name: wiring.settings for wiring in wirings if wiring.settings}
+    config = {resolved.node.full_name: resolved.settings for resolved in nodes if resolved.settings}
     seeds = sorted({int(settings["seed"]) for settings in config.values() if "seed" in settings})
     return {"seed": ", ".join(map(str, seeds)), "config": json.dumps(config)}

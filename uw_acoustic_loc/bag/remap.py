@@ -44,15 +44,21 @@ class RemappedBag:
             self._new[old]: dataclasses.replace(topic, name=self._new[old]) for old, topic in self._bag.topics.items()
         }
 
+    @property
+    def refused(self) -> dict[str, Topic]:
+        """Topics whose messages can only be copied, under their own names."""
+        return self._bag.refused
+
     def span(self) -> tuple[int, int]:
         """Log times of the first and the last message in ns."""
         return self._bag.span()
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
         """Messages, of `topics` (new names) only when given, in the order of their log times."""
-        wanted = None if topics is None else [self._old[name] for name in topics if name in self._old]
+        known = self._old | {name: name for name in self.refused}
+        wanted = None if topics is None else [known[name] for name in topics if name in known]
         for record in self._bag.records(wanted):
-            new = self._new[record.topic]
+            new = self._new.get(record.topic, record.topic)
             yield record if new == record.topic else record._replace(topic=new)
 
 

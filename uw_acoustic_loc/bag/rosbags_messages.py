@@ -29,8 +29,7 @@ _MAKE = BagMake()
 
 def encode(value: Any) -> bytes:
     """CDR bytes of a core value."""
-    form = codec(type(value))
-    return form.cdr.pack(value) if form.cdr else serialize(form.encode(_MAKE, value), form.msgtype)
+    return codec(type(value)).to_cdr(value, serialize, _MAKE)
 
 
 def decode(kind: type, data: bytes, t_ns: int) -> Any:
@@ -39,9 +38,7 @@ def decode(kind: type, data: bytes, t_ns: int) -> Any:
     Raises:
         ValueError: the bytes are no such message, or it says what cannot be.
     """
-    form = codec(kind)
-    value = form.cdr.unpack(data) if form.cdr else None
-    return form.decode(deserialize(data, form.msgtype), t_ns) if value is None else value
+    return codec(kind).from_cdr(data, deserialize, t_ns)
 
 
 def serialize(msg: Any, msgtype: str) -> bytes:
@@ -59,10 +56,3 @@ def deserialize(data: bytes, msgtype: str) -> Any:
         return STORE.deserialize_cdr(data, msgtype)
     except Exception as error:  # rosbags' decoder fails with whatever the bytes lead it into
         raise ValueError(f"{msgtype}: {len(data)} bytes cannot be decoded ({error})") from None
-
-
-def definition(msgtype: str) -> tuple[str, str]:
-    """Definition text and RIHS01 hash of a message type; empty when the type is not one of ROS 2 Jazzy's."""
-    if msgtype not in STORE.types:
-        return "", ""
-    return STORE.generate_msgdef(msgtype, ros_version=2)[0], STORE.hash_rihs01(msgtype)

@@ -16,8 +16,9 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from .. import __version__
-from .rosbags_messages import definition
+from ..version import __version__
+from .definitions import jazzy_definition
+from .storage.stored import Definition, Topic
 
 _ROS_DISTRO = "jazzy"
 
@@ -40,9 +41,10 @@ class BagWriter:
         except OSError as error:
             raise ValueError(f"bag {path} cannot be made: {error.strerror}") from None
         self.path = path
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
-        self._topics: dict[str, dict[str, Any]] = {}
+        self._channels: dict[tuple[str, str], int] = {}  # by topic and type
+        self._types: dict[str, str] = {}  # of the topic's latest declaration
+        self._schemas: dict[tuple[str, Definition], int] = {}
+        self._topics: dict[tuple[str, str], dict[str, Any]] = {}
         self._first, self._last = 0, 0
         self._saved = _Saved({}, 0, 0)
         self._open = True
@@ -61,34 +63,52 @@ class BagWriter:
     @property
     def counts(self) -> dict[str, int]:
         """Messages written per topic."""
-        return {name: topic["message_count"] for name, topic in self._topics.items()}
+        counts: dict[str, int] = {}
+        for (name, _), topic in self._topics.items():
+            counts[name] = counts.get(name, 0) + topic["message_count"]
+        return counts
 
-    def add_topic(self, name: str, msgtype: str, latched: bool = False, text: str = "") -> None:
-        """Declares a topic; again is harmless. `text` is the definition of a type that is not one of ROS 2 Jazzy's."""
-        if name in self._channels or not self._open:
+    def add_topic(self, name: str, msgtype: str, latched: bool = False) -> None:
+        """Declares a topic of ROS 2 Jazzy's definition of its type; again is harmless."""
+        self.copy_topic(Topic(name, msgtype, latched))
+
+    def copy_topic(self, topic: Topic) -> None:
+        """Declares a topic of another bag with its definition, encoding and QoS as they are there."""
+        key = (topic.name, topic.msgtype)
+        self._types[topic.name] = topic.msgtype
+        if key in self._channels or not self._open:
             return
-        own_text, type_hash = definition(msgtype)
-        if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", (own_text or text).encode())
+        definition = topic.definition if topic.definition.text else jazzy_definition(topic.msgtype)
+        qos = topic.qos or _qos_text(topic.latched)
+        stored = {"offered_qos_profiles": qos, "topic_type_hash": definition.type_hash}
+        self._channels[key] = self._writer.register_channel(
+            topic.name, topic.encoding, self._schema(topic.msgtype, definition), stored
+        )
         described = {
-            "name": name,
-            "type": msgtype,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [_qos(latched)],
-            "type_description_hash": type_hash,
+            "name": topic.name,
+            "type": topic.msgtype,
+            "serialization_format": topic.encoding,
+            "offered_qos_profiles": _profiles(qos),
+            "type_description_hash": definition.type_hash,
         }
-        stored = {"offered_qos_profiles": _qos_text(latched), "topic_type_hash": type_hash}
-        self._channels[name] = self._writer.register_channel(name, "cdr", self._schemas[msgtype], stored)
-        self._topics[name] = {"topic_metadata": described, "message_count": 0}
+        self._topics[key] = {"topic_metadata": described, "message_count": 0}
+
+    def _schema(self, msgtype: str, definition: Definition) -> int:
+        key = (msgtype, definition)
+        if key not in self._schemas:
+            language = definition.language or "ros2msg"
+            self._schemas[key] = self._writer.register_schema(msgtype, language, definition.text.encode())
+        return self._schemas[key]
 
     def write(self, name: str, t_ns: int, data: bytes, published_ns: int = 0) -> None:
         """Appends a message of a declared topic: the instant it was received, its CDR bytes."""
         if not self._open:
             return
-        self._topics[name]["message_count"] += 1
+        key = (name, self._types[name])
+        self._topics[key]["message_count"] += 1
         self._first = min(self._first or t_ns, t_ns)
         self._last = max(self._last, t_ns)
-        self._whole(lambda: self._writer.add_message(self._channels[name], t_ns, data, published_ns or t_ns))
+        self._whole(lambda: self._writer.add_message(self._channels[key], t_ns, data, published_ns or t_ns))
 
     def flush(self) -> None:
         """Hands everything over to the operating system, so that the end of this process cannot lose it."""
@@ -122,12 +142,15 @@ class BagWriter:
             self._end()
             raise OSError(error.errno, f"{error.strerror}; what was written is kept", str(self.path)) from None
         if self._file.tell() > good:
-            self._saved = _Saved(self.counts, self._first, self._last)
+            self._saved = _Saved(self._counted(), self._first, self._last)
+
+    def _counted(self) -> dict[tuple[str, str], int]:
+        return {key: topic["message_count"] for key, topic in self._topics.items()}
 
     def _forget_lost(self) -> None:
         """What had not reached the file does not count."""
-        for name, topic in self._topics.items():
-            topic["message_count"] = self._saved.counts.get(name, 0)
+        for key, topic in self._topics.items():
+            topic["message_count"] = self._saved.counts.get(key, 0)
         self._first, self._last = self._saved.first, self._saved.last
 
     def _end(self) -> None:
@@ -165,11 +188,19 @@ def _qos_text(latched: bool) -> str:
     return str(yaml.safe_dump([_qos(latched)], sort_keys=False))
 
 
+def _profiles(qos: str) -> Any:
+    """For metadata.yaml: a list, or the text where it is none."""
+    try:
+        return yaml.safe_load(qos)
+    except yaml.YAMLError:
+        return qos
+
+
 @dataclass(frozen=True)
 class _Saved:
     """What has reached the file: messages per topic, first and last log time in ns."""
 
-    counts: dict[str, int]
+    counts: dict[tuple[str, str], int]
     first: int
     last: int
 

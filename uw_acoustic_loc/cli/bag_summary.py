@@ -44,6 +44,8 @@ def parts(bag: Bag, found: Survey, estimators: Sequence[Use]) -> Iterator[Render
     for name, topic in found.topics.items():
         if sentence := "; ".join(_oddities(topic)):
             yield Text(f"{name}: {sentence}")
+    for name, refused in bag.refused.items():
+        yield Text(f"{name}: encoded as '{refused.encoding}', not cdr: it can be copied and hashed, not decoded")
     for name, record in bag.metadata.items():
         short = ", ".join(f"{key} {' '.join(value.split())[:60]}" for key, value in record.items())
         yield Text(f"metadata {name}: {short}")
@@ -73,6 +75,10 @@ def _oddities(topic: TopicSurvey) -> Iterator[str]:
         yield f"by up to {topic.largest_step_back_s:.3g} s"
     if topic.unset_stamps:
         yield f"{topic.unset_stamps} message(s) without a stamp"
+    if topic.unset_log_times:
+        yield f"{topic.unset_log_times} message(s) of log time 0, left out of the bag's span"
+    if topic.other_types:
+        yield f"messages of other types, too: {', '.join(topic.other_types)}"
 
 
 def _sentence(use: Use) -> str:

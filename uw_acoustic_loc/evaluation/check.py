@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ..bag.definitions import deserialized
 from ..bag.fingerprint import TIMER_DRIVEN, fingerprints
 from ..bag.reader import Bag
-from ..bag.rosbags_messages import deserialize
 from ..bag.survey import TopicSurvey, survey
 from ..config import build, param
 from ..core.types import Array
@@ -159,7 +159,7 @@ def _of_field(bag: Bag, topic: str, wanted: ExpectedField) -> Check:
 
 def _values(bag: Bag, topic: str, field: str) -> Array:
     records = bag.records([topic])
-    found = [numbers(deserialize(record.data, record.msgtype), field) for record in records]
+    found = [numbers(deserialized(record), field) for record in records]
     return np.concatenate(found) if found else np.array([])
 
 

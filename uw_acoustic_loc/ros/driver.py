@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.parameter import Parameter
@@ -17,9 +16,11 @@ from ..core.types import Odometry
 from ..sim.catalog import DriverConfig, configured_scenario, make_source
 from ..sim.scenario import Scenario
 from .diagnostics import Diagnostics
-from .endpoints import Publishers, SyncService
+from .endpoints import Publishers
 from .parameters import declare, given_parameters
+from .report import NodeReport
 from .spin import Stop
+from .sync import SyncService
 from .transforms import Transforms
 
 _LONG_S = 0.002  # to make an event; a quicker one is made at once
@@ -132,5 +133,5 @@ class DriverNode:
             return Status(Status.WARN, "waiting for /clock", values)
         return Status(Status.OK, "running" if self._next else "the scenario is over", values)
 
-    def _report(self) -> dict[str, Any]:
-        return {"out": self._publishers.report(), "in": {}, "reached_ns": self._reached_ns}
+    def _report(self) -> NodeReport:
+        return NodeReport(self._publishers.report(), reached_ns=self._reached_ns)

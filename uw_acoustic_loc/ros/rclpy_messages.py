@@ -7,8 +7,9 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
+from rclpy.duration import Infinite
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
 from ..contract import Output
@@ -57,10 +58,9 @@ class RosMake:
 _MAKE = RosMake()
 
 
-def to_dds(value: Any) -> Any:
-    """What a publisher takes: CDR where that needs no message object, which is half the processor time of a message."""
-    form = codec(type(value))
-    return form.cdr.pack(value) if form.cdr else form.encode(_MAKE, value)
+def to_dds(value: Any) -> bytes:
+    """What a publisher takes: CDR, most of it made without a message object in half the processor time."""
+    return codec(type(value)).to_cdr(value, lambda message, _msgtype: bytes(serialize_message(message)), _MAKE)
 
 
 def from_dds(kind: type, data: bytes, received_ns: int) -> Any:
@@ -69,12 +69,10 @@ def from_dds(kind: type, data: bytes, received_ns: int) -> Any:
     Raises:
         ValueError: the message says what cannot be, or the bytes are no such message.
     """
-    form = codec(kind)
-    value = form.cdr.unpack(data) if form.cdr else None
-    return form.decode(_deserialized(form.msgtype, data), received_ns) if value is None else value
+    return codec(kind).from_cdr(data, _deserialized, received_ns)
 
 
-def _deserialized(msgtype: str, data: bytes) -> Any:
+def _deserialized(data: bytes, msgtype: str) -> Any:
     try:
         return deserialize_message(data, message_class(msgtype))
     except Exception as error:  # rclpy's, whichever it is: the bytes came from outside
@@ -87,7 +85,14 @@ def publisher_qos(output: Output) -> QoSProfile:
 
 
 def qos(latched: bool, depth: int = _DEPTH) -> QoSProfile:
-    """Reliable; latched topics keep their last value for whoever comes later."""
-    if latched:
-        return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
-    return QoSProfile(depth=depth, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
+    """Reliable; latched topics keep their last value for whoever comes later. Every policy is named, none left open."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1 if latched else depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        deadline=Infinite,
+        lifespan=Infinite,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Infinite,
+    )

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import rclpy
 
@@ -16,9 +15,11 @@ from ..bag.writer import BagWriter
 from ..config import build, param
 from ..contract import Status
 from .diagnostics import Diagnostics
-from .endpoints import Subscriptions, SyncService
+from .endpoints import Subscriptions
 from .parameters import declare, given_parameters
+from .report import NodeReport
 from .spin import Stop
+from .sync import SyncService
 
 _NOT_RECORDED = ("/clock", "/parameter_events", "/rosout")
 _DISCOVERY_S = 0.2
@@ -111,8 +112,8 @@ class RecorderNode:
     def _status(self) -> Status:
         return Status(values={f"{topic} recorded": count for topic, count in self._writer.counts.items()})
 
-    def _report(self) -> dict[str, Any]:
-        return {"out": {}, "in": self._subscriptions.report(), "recorded": self._writer.counts}
+    def _report(self) -> NodeReport:
+        return NodeReport(taken=self._subscriptions.report(), recorded=self._writer.counts)
 
 
 def _texts(about: str, where: str) -> dict[str, str]:

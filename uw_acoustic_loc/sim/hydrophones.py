@@ -11,13 +11,14 @@ import numpy as np
 from ..contract import Event, Output
 from ..core.geometry import hydrophone_positions, rotation_from_rpy
 from ..core.types import AnyArray, Array, HydrophoneInfo, Point, Samples
-from .acoustics import absorption, images, pings, pulse, tone_phases
+from .acoustics import absorption, images, pings, pulse, sounding, tone_phases
 from .channel import Knots, Paths, Ping, Reception
 from .converter import convert, scale
 from .environment import SoundSpeed
 from .noise import GaussianNoise, add_snaps
-from .scenario import Environment, Pinger, Scenario
+from .scenario import Pinger, Scenario
 from .trajectory import Trajectory
+from .water import Environment
 
 _KEY = 0x4A7D  # keeps this noise apart from the other sensors'
 _PULSE_KEY = 0x4A7E  # of the noise pulses
@@ -94,7 +95,7 @@ class HydrophoneSource:
 
     def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[Ping]:
         """The pings of a pinger that may be heard at the times, at a distance within reach."""
-        env, length = self._scenario.environment, pinger.pulse_length
+        env, length = self._scenario.environment, sounding(pinger)
         slowest, fastest = env.sound_speed - env.sound_speed_range, env.sound_speed + env.sound_speed_range
         for n in pings(pinger, times.min() - reach[1] / slowest - length, times.max() - reach[0] / fastest):
             emission = pinger.offset + n * pinger.period

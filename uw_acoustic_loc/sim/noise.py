@@ -7,7 +7,8 @@ from scipy import fft
 
 from ..core.impulsive import AlphaStable
 from ..core.types import AnyArray, Array
-from .scenario import Environment, Hydrophones
+from .scenario import Hydrophones
+from .water import Environment
 
 _REFERENCE = 1e-12  # Pa^2, of levels in dB re 1 uPa
 _SNAP_FREQUENCY = 20e3  # Hz, where a snap's spectrum is highest

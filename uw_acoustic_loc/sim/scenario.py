@@ -11,30 +11,7 @@ from ..config import build, param
 from ..core.impulsive import AlphaStable, ImpulsiveNoise
 from ..resources import resource
 from ..yaml_file import load_yaml
-
-
-@dataclass(frozen=True)
-class Environment:
-    """The water and what is heard in it when nothing pings."""
-
-    sound_speed: float = param(1500.0, unit="m/s", low=1350, high=1650, doc="mean")
-    sound_speed_walk: float = param(0.3, unit="m/s per sqrt(s)", low=0, doc="random walk of the true sound speed")
-    sound_speed_range: float = param(2.0, unit="m/s", low=0, doc="the walk stays within mean +- this")
-    sound_speed_gradient: float = param(
-        0.0, unit="1/s", low=-1, high=1, doc="with depth, for the buoys' arrivals; sound_speed is then that at z = 0"
-    )
-    depth: float = param(40.0, unit="m", low=1, doc="flat seabed, below the surface at z = 0")
-    surface_reflection: float = param(-0.7, low=-1, high=1, doc="amplitude coefficient")
-    bottom_reflection: float = param(0.4, low=-1, high=1, doc="amplitude coefficient")
-    reflections: int = param(1, low=0, high=20, doc="most bounces between surface and seabed that a path may have")
-    temperature: float = param(12.0, unit="deg C", low=-2, high=40, doc="for the absorption")
-    salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for the absorption")
-    ph: float = param(8.0, low=7, high=9, doc="for the absorption")
-    ambient_level: float = param(0.0, unit="dB re 1 uPa^2/Hz at 1 kHz", low=0, high=200, doc="0 = none")
-    ambient_slope: float = param(-17.0, unit="dB/decade", low=-60, high=0, doc="above 1 kHz (Wenz 1962); flat below")
-    snap_rate: float = param(0.0, unit="1/s", low=0, high=1e4, doc="snaps of shrimp, from all directions")
-    snap_alpha: float = param(1.7, low=0.1, high=2, doc="characteristic exponent of the snaps' amplitudes")
-    snap_scale: float = param(1.0, unit="Pa", low=1e-9, doc="scale of the snaps' amplitudes at the array")
+from .water import Environment
 
 
 @dataclass(frozen=True)
@@ -111,6 +88,13 @@ class Pinger:
     offset: float = param(0.0, unit="s", low=0, doc="first emission after the start")
     source_level: float = param(100.0, unit="Pa at 1 m", low=0, doc="amplitude; of noise, sqrt(2) times its rms")
     pulse: str = param("chirp", choices=("chirp", "tone", "noise"))
+    q_factor: float = param(
+        0.0, low=0, high=1000, doc="of the resonator through which a tone is sent; 0 = none, raised-cosine edges"
+    )
+
+    def __post_init__(self) -> None:
+        if self.q_factor and (self.q_factor <= 0.5 or self.pulse != "tone"):
+            raise ValueError(f"q_factor must be 0, or above 0.5 with a tone, got {self.q_factor:g} with a {self.pulse}")
 
 
 @dataclass(frozen=True)

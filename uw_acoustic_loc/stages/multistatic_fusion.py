@@ -8,14 +8,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import Emission, Input, Output, Stage, Status
 from ..core.multistatic.estimator import SonarNet
 from ..core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, PingScan, TargetFix
 from ..core.multistatic.track import Track, Tracker
 from ..core.types import AnyArray, Array, Detections, NodePositions, Position, Tracks
+from ..topics import known
+
+_POSITIONS, _DETECTIONS = known("sonar/positions"), known("sonar/detections")
+_FIX, _TRACKS = known("sonar/fix"), known("sonar/tracks")
 
 
-class MultistaticFusionStage:
+class MultistaticFusionStage(Stage):
     """One message of detections per ping gives the strongest target's fix, if there is one, and all confirmed tracks.
 
     A fix is where the ping met the target, up to a few seconds after the stamp; tracks are at the stamp itself.
@@ -41,14 +45,14 @@ class MultistaticFusionStage:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        detections = Input("sonar/detections", Detections, self._on_detections, frame="map")
+        detections = _DETECTIONS.input(self._on_detections, frame="map")
         if self._config.receiver_ids:
             return (detections,)
-        return (Input("sonar/positions", NodePositions, self._on_positions, frame="map", latched=True), detections)
+        return (_POSITIONS.input(self._on_positions, frame="map"), detections)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        return (Output("sonar/fix", Position), Output("sonar/tracks", Tracks))
+        return (_FIX.output(), _TRACKS.output())
 
     def status(self) -> Status:
         values: dict[str, float | int | str] = {
@@ -83,8 +87,8 @@ class MultistaticFusionStage:
         tracks = self._tracker.step(detections.t_ns, PingScan(self._fusion, echoes))
         self._count(len(echoes.range), fix is not None, rejected)
         if fix:
-            yield "sonar/fix", self._position(detections.t_ns, fix)
-        yield "sonar/tracks", as_tracks(detections.t_ns, tracks, self._z)
+            yield _FIX.name, self._position(detections.t_ns, fix)
+        yield _TRACKS.name, as_tracks(detections.t_ns, tracks, self._z)
 
     def _count(self, used: int, fixes: int, rejected: Counter[str]) -> None:
         nis = self._tracker.nis

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -146,10 +145,3 @@ def _check_frame(wanted: Input, value: Any) -> None:
     frame = getattr(value, "frame_id", "")
     if wanted.frame and frame != wanted.frame and not frame.endswith("/" + wanted.frame):
         raise ValueError(f"header.frame_id must be '{wanted.frame}', got '{frame}'")
-
-
-def split_config(values: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Values of the stage's own config, and of the RunnerConfig."""
-    shared = {f.name for f in dataclasses.fields(RunnerConfig)}
-    own = {key: value for key, value in values.items() if key not in shared}
-    return own, {key: value for key, value in values.items() if key in shared}

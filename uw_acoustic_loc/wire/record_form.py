@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .flat import LENGTH, LITTLE_ENDIAN, SECOND, STAMP, Make, aligned_string, checked_stamp
-from .record import RECORD, fields, record_from, record_to, row_types, rows_of, value_of
+from .record import RECORD, Layout, fields, layout, record_from, record_to, row_types, rows_of, value_of
 
 
 @dataclass(frozen=True)
@@ -20,22 +21,27 @@ class RecordForm:
     name: str
     kind: type
     single: bool = False
+    folder: Path | None = None  # of its layout file, None = the package's own
 
     @property
     def msgtype(self) -> str:
         return RECORD
 
+    @cached_property
+    def _plan(self) -> Layout:
+        return layout(self.name, self.folder)
+
     def encode(self, make: Make, value: Any) -> Any:
         """The message."""
-        return record_to(make, self.name, value)
+        return record_to(make, self._plan, value)
 
     def decode(self, msg: Any, _received_ns: int = 0) -> Any:
         """From a message."""
-        return record_from(self.name, self.kind, msg, self.single)
+        return record_from(self._plan, self.kind, msg, self.single)
 
     def pack(self, value: Any) -> bytes:
         """CDR bytes."""
-        rows = rows_of(self.name, value)
+        rows = rows_of(self._plan, value)
         begin = STAMP.pack(LITTLE_ENDIAN, *divmod(value.t_ns, SECOND)) + _begin(value.frame_id)
         sizes = _SIZES.pack(rows.nbytes, rows.nbytes)
         return b"".join((begin, LENGTH.pack(len(rows)), _middle(rows.dtype), sizes, rows.tobytes(), _DENSE))
@@ -49,7 +55,7 @@ class RecordForm:
         if found is None:
             return None
         t_ns, frame_id, rows = found
-        return value_of(self.name, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
+        return value_of(self._plan, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
 
     def _unpacked(self, data: bytes) -> tuple[int, str, Any] | None:
         """Stamp, frame and rows."""
@@ -62,7 +68,7 @@ class RecordForm:
         if encapsulation != LITTLE_ENDIAN or not data.startswith(begin, STAMP.size):
             return None
         (count,), at = LENGTH.unpack_from(data, at), at + LENGTH.size
-        for row in row_types(self.name):
+        for row in row_types(self._plan):
             if data.startswith(_middle(row), at):
                 rows = _rows(data, at + len(_middle(row)), count, row)
                 return None if rows is None else (sec * SECOND + nanosec, frame_id, rows)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import IO
 
-import zstandard
-from lz4.frame import LZ4FrameDecompressor
 from mcap.opcode import Opcode
+
+from .compression import unpacked_lz4, unpacked_zstd
 
 HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 _CHUNK = struct.Struct("<QQQII")  # first and last log time, size and CRC when unpacked, length of compression's name
 _RUN = 1 << 20  # bytes
+_LARGEST_CHUNK = 1 << 30  # bytes, unpacked; rosbag2's have less than 1 MB, other writers' some MB
 _LAST_OPCODE = max(Opcode)
 
 
@@ -31,9 +33,12 @@ class Block:
 
 
 def bytes_at(stream: IO[bytes], begin: int, length: int) -> bytes:
-    """Bytes of a file; fewer where it ends."""
+    """Bytes of a file; fewer where it ends, whatever a damaged length says."""
+    size = os.fstat(stream.fileno()).st_size
+    if not 0 <= begin < size:
+        return b""
     stream.seek(begin)
-    return stream.read(length)
+    return stream.read(min(length, size - begin))
 
 
 def known(opcode: int) -> bool:
@@ -86,7 +91,9 @@ def payload_of(record: bytes, cut: bool) -> bytes:
     name = record[begin : begin + name_length].decode()
     (length,) = struct.unpack_from("<Q", record, begin + name_length)
     packed = record[begin + name_length + 8 :][:length]
-    data = _decompressed(name, packed)
+    if size > _LARGEST_CHUNK:
+        raise ValueError(f"a chunk must have at most {_LARGEST_CHUNK} bytes unpacked, it claims {size}")
+    data = _decompressed(name, packed, size, cut)
     if len(data) > size or (len(data) < size and not cut):
         raise ValueError(f"a chunk must have {size} bytes, got {len(data)}")
     if crc and len(data) == size and zlib.crc32(data) != crc:
@@ -94,12 +101,12 @@ def payload_of(record: bytes, cut: bool) -> bytes:
     return data
 
 
-def _decompressed(name: str, packed: bytes) -> bytes:
-    """As far as `packed` goes."""
+def _decompressed(name: str, packed: bytes, size: int, cut: bool) -> bytes:
+    """As far as `packed` goes, and no more than it claims."""
     if name == "zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+        return unpacked_zstd(packed, size, cut)
     if name == "lz4":
-        return bytes(LZ4FrameDecompressor().decompress(packed))
+        return unpacked_lz4(packed, size)
     if name:
         raise ValueError(f"compression of a chunk must be zstd, lz4 or none, got '{name}'")
     return packed

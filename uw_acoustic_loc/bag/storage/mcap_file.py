@@ -14,14 +14,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 
 from .mcap_blocks import HEAD, Block, append, bytes_at, known, payload_of, split, times
-from .stored import Damage, Record, Topic, full_type, is_latched, unpacked
+from .stored import Damage, Definition, Record, Topic, full_type, is_latched, unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -29,7 +28,7 @@ _TAIL = HEAD.size + 20 + len(MAGIC)  # footer and magic
 _DATA_END = HEAD.size + 4
 _PIECE = 1 << 20
 _LAST_NS = (1 << 63) - 1  # of ROS's clocks
-_BROKEN = (McapError, struct.error, ValueError, MemoryError, RuntimeError, zstandard.ZstdError)  # lz4: RuntimeError
+_BROKEN = (McapError, struct.error, ValueError, MemoryError, RuntimeError, OverflowError)  # lz4: RuntimeError
 
 _Message = tuple[int, int, bytes]  # log time, channel, CDR
 
@@ -64,9 +63,9 @@ class McapFile:
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:
-        """First and last log time in ns, as the file tells."""
-        told = [block for block in self._blocks if block.last_ns]
-        return (min(b.first_ns for b in told), max(b.last_ns for b in told)) if told else None
+        """First and last log time in ns, as the file's index has them; messages of log time 0 do not count."""
+        timed = [block for block in self._blocks if block.last_ns]
+        return (min(b.first_ns or b.last_ns for b in timed), max(b.last_ns for b in timed)) if timed else None
 
     def records(self, topics: set[str] | None, by_time: bool) -> Iterator[Record]:
         """Messages in the order of their log times, equal ones as they stand in the file; or all as they stand."""
@@ -95,14 +94,14 @@ class McapFile:
                 self._damage.note(f"log time {message[0]} ns", f"a message of channel {message[1]}, which is unknown")
             elif message[0] > _LAST_NS:
                 self._damage.note(f"log time {message[0]} ns", "no clock of ROS shows such a time")
-            elif topic.encoding == "cdr" and (topics is None or topic.name in topics):
+            elif topics is None or topic.name in topics:
                 yield message
 
     def _as_records(self, messages: list[_Message]) -> Iterator[Record]:
         for t_ns, channel, data in messages:
             topic = self._topics[channel]
             try:
-                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data))
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition)
             except ValueError as error:
                 self._damage.note(f"log time {t_ns} ns", f"{topic.name}: {error}")
 
@@ -117,6 +116,10 @@ class McapFile:
         begin, end = footer.summary_start, self._size - _TAIL
         self._data_end = (begin or end) - _DATA_END
         if begin == 0:
+            return []
+        if not len(MAGIC) + _DATA_END <= begin <= end:
+            self._damage.note(f"byte {end}", f"the summary cannot begin at byte {begin}")
+            self._data_end = 0
             return []
         summary = bytes_at(stream, begin, max(end - begin, 0))
         if footer.summary_crc and zlib.crc32(summary + tail[:25]) != footer.summary_crc:
@@ -135,6 +138,8 @@ class McapFile:
             if opcode == Opcode.CHUNK_INDEX:
                 index = ChunkIndex.read(content)
                 at, length = index.chunk_start_offset, index.chunk_length
+                if at < len(MAGIC) or at + length > self._size:
+                    raise ValueError(f"a chunk of {length} bytes at byte {at} lies outside of the file")
                 blocks.append(Block(at, at + length, index.message_start_time, index.message_end_time, chunk=True))
             elif opcode == Opcode.METADATA_INDEX:
                 place = MetadataIndex.read(content)
@@ -236,9 +241,14 @@ class McapFile:
 
 
 def _topic(channel: Channel, schema: Schema | None) -> Topic:
-    latched = is_latched(channel.metadata.get("offered_qos_profiles", ""))
-    text = schema.data.decode(errors="replace") if schema else ""
-    return Topic(channel.topic, full_type(schema.name if schema else ""), latched, channel.message_encoding, text)
+    qos = channel.metadata.get("offered_qos_profiles", "")
+    definition = Definition(
+        schema.data.decode(errors="replace") if schema else "",
+        schema.encoding if schema else "",
+        channel.metadata.get("topic_type_hash", ""),
+    )
+    msgtype = full_type(schema.name if schema else "")
+    return Topic(channel.topic, msgtype, is_latched(qos), channel.message_encoding, definition, qos)
 
 
 def _words(error: BaseException) -> str:

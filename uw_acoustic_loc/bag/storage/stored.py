@@ -8,9 +8,22 @@ from pathlib import Path
 from typing import NamedTuple
 
 import yaml
-import zstandard
 
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+from .compression import ZSTD_MAGIC, unpacked_zstd
+
+_LARGEST_MESSAGE = 1 << 30  # bytes, of a message that was compressed by itself
+
+
+@dataclass(frozen=True)
+class Definition:
+    """The text of a message type as it stands in a bag, its language (`ros2msg`, `ros2idl`) and its RIHS01 hash."""
+
+    text: str = ""
+    language: str = ""
+    type_hash: str = ""
+
+
+NO_DEFINITION = Definition()
 
 
 class Record(NamedTuple):
@@ -20,17 +33,19 @@ class Record(NamedTuple):
     msgtype: str
     t_ns: int  # log time
     data: bytes
+    definition: Definition = NO_DEFINITION
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of the bag; `encoding` other than cdr means that its messages are not read."""
+    """A topic of the bag; messages of an `encoding` other than cdr can be copied and hashed, but not decoded."""
 
     name: str
     msgtype: str
     latched: bool
     encoding: str = "cdr"
-    definition: str = ""  # the type's text, where the bag has it
+    definition: Definition = NO_DEFINITION
+    qos: str = ""  # YAML, as the bag has it
 
 
 class Damage:
@@ -75,11 +90,6 @@ def unpacked(data: bytes) -> bytes:
     """A message that rosbag2 compressed by itself (a CDR header never begins like this).
 
     Raises:
-        ValueError: it cannot be decompressed.
+        ValueError: it cannot be decompressed, or is larger than any message.
     """
-    if data[:4] != ZSTD_MAGIC:
-        return data
-    try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    except zstandard.ZstdError as error:
-        raise ValueError(f"a compressed message cannot be unpacked ({error})") from None
+    return unpacked_zstd(data, _LARGEST_MESSAGE) if data[:4] == ZSTD_MAGIC else data

@@ -26,8 +26,8 @@ def run(options: Namespace) -> int:
 def launch_graph(graph: Path, record: Path | None, duration: float) -> int:
     """Runs a graph file's nodes until the duration is over (0 = until stopped); the exit code."""
     from ...graph import load_graph
-    from ...ros.launcher import Launcher, Run
+    from ...ros.orchestrator.launcher import Launcher, LaunchOptions
 
     with progress("launch", duration) as bar:
-        run = Run(record=record, duration=duration, progress=bar if duration else None)
-        return Launcher(load_graph(graph), run, NodeLog()).run()
+        options = LaunchOptions(record, duration, progress=bar if duration else None)
+        return Launcher(load_graph(graph), options, NodeLog()).run()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -34,12 +35,16 @@ def run(options: Namespace) -> int:
 
 
 def _process_one(path: Path, options: Namespace) -> int:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # as in a node: other numbers of threads round differently
+        os.environ.setdefault(name, "1")
     from ...bag.process import OfflineRun
     from ...graph import load_graph
 
     bag = open_bag(path, options)
     tell = _Refusals()
     run = OfflineRun(bag, load_graph(options.graph), tell)
+    for node in run.left_out:
+        STDERR.print(f"note: {node.full_name} is left out: {node.executable} is no estimator that is installed here")
     for topic in run.missing:
         STDERR.print(f"note: the bag has no {topic}")
     begun = time.monotonic()

@@ -5,16 +5,22 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry import wrap_angle
 from ..types import Array
 from .bearing_noise import believed
-from .log_polar import bearing_moments, cartesian, corrected, seen_from
-from .triangulation import Drift, Fix, Ray
+from .log_polar import LogPolar, Mixture, bearing_moments, cartesian, corrected, seen_from
+from .triangulation import Drift, PlanarFix, Ray
 
-Member = tuple[complex, float, complex, float]  # line, g, q of one EKF (`log_polar`); log weight
+
+class Member(NamedTuple):
+    """One EKF of the bank."""
+
+    state: LogPolar
+    log_weight: float
 
 
 class BearingEkf:
@@ -43,33 +49,28 @@ class BearingEkf:
         if drift.variance:
             self._move(complex(drift.x, drift.y))
         wander, turn = 2 * self._process_noise**2 * duration, drift.variance
-        self._members = [
-            (p, g + wander / (p.real * p.real + p.imag * p.imag) + turn, q - turn, w) for p, g, q, w in self._members
-        ]
+        self._members = [Member(_spread(state, wander, turn), log_weight) for state, log_weight in self._members]
 
     def update(self, ray: Ray) -> None:
         """Corrects every member and its weight; a correlated bearing counts with its share."""
         self._move(complex(ray.x, ray.y))
         toward, variance = cmath.rect(1.0, ray.bearing), ray.std**2 / ray.weight
         members = []
-        for line, g, q, log_weight in self._members:
-            error, spread = cmath.phase(toward * line.conjugate()), (g - q.real) / 2
-            S, counted = spread + ray.std**2, spread + variance
-            trust, log_likelihood = believed(self._noise, error, S, counted, math.exp, math.log)
-            after = corrected(line, g, q, toward, variance / trust, cmath.exp, cmath.phase)
-            members.append((*after[:3], log_weight + log_likelihood))
+        for state, log_weight in self._members:
+            error, spread = cmath.phase(toward * state.line.conjugate()), (state.g - state.q.real) / 2
+            trust, log_likelihood = believed(self._noise, error, spread + ray.std**2, spread + variance)
+            after = corrected(state, toward, variance / trust).state
+            members.append(Member(after, log_weight + log_likelihood))
         self._members = _normalised(members)
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
-        line, g, q, weight = _columns(self._seen_from(complex(x, y)))
-        mean, variance = bearing_moments(weight, line, [(a - b.real) / 2 for a, b in zip(g, q, strict=True)])
+        mean, variance = bearing_moments(_mixture(self._seen_from(complex(x, y))))
         return wrap_angle(mean), variance
 
-    def estimate(self) -> Fix:
+    def estimate(self) -> PlanarFix:
         """Mean and covariance of the mixture in x and y."""
-        line, g, q, weight = _columns(self._members)
-        return cartesian(weight, line, g, q, self._origin)
+        return cartesian(_mixture(self._members), self._origin)
 
     @property
     def members(self) -> int:
@@ -81,7 +82,7 @@ class BearingEkf:
 
     def _seen_from(self, point: complex) -> list[Member]:
         shift = self._origin - point
-        return [(*seen_from(p, g, q, clear(p, shift)), w) for p, g, q, w in self._members]
+        return [Member(seen_from(state, clear(state.line, shift)), weight) for state, weight in self._members]
 
 
 def range_bank(
@@ -122,24 +123,27 @@ def clear(line: complex, shift: complex) -> complex:
 def _member(mean: Array, cov: Array, log_weight: float) -> Member:
     ranges, bearings, mixed = float(cov[0, 0]), float(cov[1, 1]), float(cov[0, 1])
     line = cmath.exp(complex(mean[0], mean[1]))
-    return line, ranges + bearings, complex(ranges - bearings, 2 * mixed), log_weight
+    return Member(LogPolar(line, ranges + bearings, complex(ranges - bearings, 2 * mixed)), log_weight)
+
+
+def _spread(state: LogPolar, wander: float, turn: float) -> LogPolar:
+    line, g, q = state
+    return LogPolar(line, g + wander / (line.real * line.real + line.imag * line.imag) + turn, q - turn)
 
 
 def _normalised(members: list[Member]) -> list[Member]:
     """Weights that sum to one; the least likely members are dropped."""
     if len(members) == 1:
-        return [(*members[0][:3], 0.0)]
-    best = max(member[3] for member in members)
-    kept = [member for member in members if member[3] > best + PRUNED]
-    total = best + math.log(sum(math.exp(member[3] - best) for member in kept))
-    return [(p, g, q, w - total) for p, g, q, w in kept]
+        return [Member(members[0].state, 0.0)]
+    best = max(member.log_weight for member in members)
+    kept = [member for member in members if member.log_weight > best + PRUNED]
+    total = best + math.log(sum(math.exp(member.log_weight - best) for member in kept))
+    return [Member(state, log_weight - total) for state, log_weight in kept]
 
 
-def _columns(
-    members: Iterable[Member],
-) -> tuple[tuple[complex, ...], tuple[float, ...], tuple[complex, ...], list[float]]:
-    line, g, q, log_weight = zip(*members, strict=True)
-    return line, g, q, [math.exp(w) for w in log_weight]
+def _mixture(members: Iterable[Member]) -> Mixture:
+    states, log_weights = zip(*members, strict=True)
+    return Mixture([math.exp(w) for w in log_weights], *zip(*states, strict=True))
 
 
 _RATIO = 1.6  # of neighbouring ranges

@@ -10,8 +10,8 @@ from ..geometry import wrap_angle
 from ..types import AnyArray, Array
 from .bearing_ekf import NEAREST, PRUNED, range_intervals
 from .bearing_noise import believed
-from .log_polar import bearing_moments, cartesian
-from .triangulation import Drift, Fix, Ray
+from .log_polar import Mixture, bearing_moments, cartesian
+from .triangulation import Drift, PlanarFix, Ray
 
 
 class MovingBearingEkf:
@@ -61,7 +61,7 @@ class MovingBearingEkf:
         predicted, variance = k[:, 0].imag, ray.std**2 / ray.weight
         error = np.angle(np.exp(1j * ray.bearing) * self._line.conj())
         S, counted = predicted + ray.std**2, predicted + variance
-        trust, log_likelihood = believed(self._noise, error, S, counted, np.exp, np.log)
+        trust, log_likelihood = believed(self._noise, error, S, counted)
         scaled = k / (predicted + variance / trust)[:, None]
         self._line = self._line * np.exp(scaled[:, 0] * error)
         self._rate = self._rate + scaled[:, 1] * error
@@ -72,14 +72,12 @@ class MovingBearingEkf:
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
         line, _, G, Q = self._moved(complex(x, y))
-        variances: Array = (G - Q)[:, 0, 0].real / 2
-        mean, variance = bearing_moments(self._weight.tolist(), line.tolist(), variances.tolist())
+        mean, variance = bearing_moments(self._mixture(line, G, Q))
         return wrap_angle(mean), variance
 
-    def estimate(self) -> Fix:
+    def estimate(self) -> PlanarFix:
         """Mean and covariance of the mixture's position in x and y."""
-        g, q = self._G[:, 0, 0].real.tolist(), self._Q[:, 0, 0].tolist()
-        return cartesian(self._weight.tolist(), self._line.tolist(), g, q, self._origin)
+        return cartesian(self._mixture(self._line, self._G, self._Q), self._origin)
 
     @property
     def velocity(self) -> Array:
@@ -90,6 +88,11 @@ class MovingBearingEkf:
     @property
     def _weight(self) -> Array:
         return np.asarray(np.exp(self._log_weight))
+
+    def _mixture(self, line: AnyArray, G: AnyArray, Q: AnyArray) -> Mixture:
+        """Of the position alone."""
+        g, q = G[:, 0, 0].real.tolist(), Q[:, 0, 0].tolist()
+        return Mixture(self._weight.tolist(), line.tolist(), g, q)
 
     def _moved(self, point: complex) -> tuple[AnyArray, AnyArray, AnyArray, AnyArray]:
         """Lines, rates and errors when the time has passed and the vehicle has come to a point."""

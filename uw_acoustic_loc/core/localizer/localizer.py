@@ -10,11 +10,12 @@ import numpy as np
 
 from ...config import param
 from ..geometry import mirror_bearing, wrap_angle
+from ..pose_history import RESET_MOVE
 from .bearing_ekf import BearingEkf, range_bank
 from .bearing_ekf_moving import MovingBearingEkf
 from .bearing_noise import NOISES
 from .particles import BearingParticles
-from .triangulation import Drift, Fix, Ray, Triangulation
+from .triangulation import Drift, PlanarFix, Ray, Triangulation
 
 Estimator = Triangulation | BearingEkf | MovingBearingEkf | BearingParticles
 
@@ -47,7 +48,7 @@ class LocalizerConfig:
     reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the source anew")
     odometry_timeout: float = param(1.0, unit="s", low=0.01, doc="bearings need odometry not older than this")
     odometry_jump: float = param(
-        2.0, unit="m", low=0.01, doc="odometry this far (and 5 m/s) off its own velocity has leapt: sources come along"
+        RESET_MOVE, unit="m", low=0.01, doc="odometry this far (and 3 m/s) off its own velocity was reset or glitched"
     )
     particles: int = param(2000, low=10, high=1_000_000)
     lines: int = param(400, low=4, high=100_000, doc="bearing lines that triangulation remembers")
@@ -135,7 +136,7 @@ class Hypothesis:
             self.estimator.update(Ray(rays[0].x, rays[0].y, bearing, math.sqrt(std**2 + spread), weight))
 
     @property
-    def fix(self) -> Fix | None:
+    def fix(self) -> PlanarFix | None:
         return self.estimator.estimate()
 
 

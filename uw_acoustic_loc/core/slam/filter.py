@@ -4,49 +4,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from ...config import param
-from ..localizer.localizer import check_ranges, check_source_ids, independent_share, std_of
-from ..localizer.triangulation import Fix
-from ..types import Array
+from ..localizer.localizer import independent_share, std_of
+from ..localizer.triangulation import PlanarFix
+from ..types import Array, Bearing, BodyVelocity, Imu
+from .config import SlamConfig
 from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, moved
 from .joint import Joint, Prediction
-from .pinger import Pinger, Pose
+from .landmark import Landmark, Pose
 
 
-@dataclass(frozen=True)
-class SlamConfig:
-    """Parameters of bearing-only SLAM."""
+class SourceBearing(NamedTuple):
+    """A bearing and whose it is."""
 
-    source_ids: tuple[str, ...] = param(doc="the pingers, each with its topic sources/<id>/bearing")
-    method: str = param("ekf", choices=("ekf",))
-    bearing_noise: str = param("gaussian", choices=("gaussian", "student_t"), doc="student_t: outliers count for less")
-    bearing_std: float = param(0.0, unit="rad", low=0, high=3, changeable=True, doc="0 = the message's own variance")
-    bearing_correlation_time: float = param(
-        0.5, unit="s", low=0, high=1e4, changeable=True, doc="of the bearing errors; 0 = independent bearings"
-    )
-    range_min: float = param(2.0, unit="m", low=1e-3, doc="a pinger is not nearer than this when it starts")
-    range_max: float = param(200.0, unit="m", low=1e-3, doc="nor farther than this")
-    array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
-    mirror: bool = param(False, doc="the side of the array is not known: carry both until a turn has settled it")
-    mirror_probability: float = param(1e-3, low=1e-12, high=0.4, doc="a side less probable than this is dropped")
-    gyro_std: float = param(0.01, unit="rad/s", low=1e-9, doc="white, per sample")
-    gyro_bias_std: float = param(0.002, unit="rad/s", low=0, doc="at the start")
-    gyro_bias_walk: float = param(1e-5, unit="rad/s per sqrt(s)", low=0)
-    accelerometer_std: float = param(0.1, unit="m/s^2", low=1e-9, doc="white, per sample")
-    dvl_std: float = param(0.005, unit="m/s", low=1e-9, doc="white, per sample and axis")
-    dvl_bias_std: float = param(0.005, unit="m/s", low=0, doc="constant, per axis")
-    tilt_std: float = param(0.02, unit="rad", low=1e-6, doc="how level the vehicle is at the start")
-    gate_sigma: float = param(5.0, unit="sigma", low=1, changeable=True, doc="measurements beyond this are not used")
-    reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the pinger anew")
-    imu_timeout: float = param(0.5, unit="s", low=0.01, doc="DVL and bearings need an IMU message not older than this")
-    seed: int = param(1, low=0)
+    source_id: str
+    bearing: Bearing
 
-    def __post_init__(self) -> None:
-        check_source_ids(self.source_ids)
-        check_ranges(self.range_min, self.range_max)
+
+Measurement = Imu | BodyVelocity | SourceBearing
 
 
 @dataclass
@@ -72,17 +50,17 @@ class Slam:
         variances[VELOCITY] = _START_SPEED**2
         variances[GYRO_BIAS], variances[LOG_BIAS] = config.gyro_bias_std**2, config.dvl_bias_std**2
         self.joint = Joint(np.zeros(SIZE), variances)
-        self.pingers: dict[str, Pinger] = {}
+        self.pingers: dict[str, Landmark] = {}
         self.dvl = Counts()
         self.imu_gaps = 0  # longer than imu_timeout
-        self.ahead = 0  # IMU readings in a row from too far in the future
+        self.imu_ahead = 0  # IMU readings in a row from too far in the future
         self.imu_age = 0.0  # s, how old the last IMU reading was when another sensor's came
         self._reading = np.zeros((2, 3))  # angular rate and specific force, held until the next
         self._raw = Pose(0.0, 0.0, 0.0, 0.0)  # dead reckoning with the biases in it
         self._heard_ns: dict[str, int] = {}
         self._begin_ns = self._t_ns = self._imu_ns = self._dvl_ns = 0
         self._interval = 0.0  # s between the last two IMU readings
-        self._gathered, self._ahead = np.zeros((2, 3)), 0.0  # integral of the readings, and s, not yet in `joint`
+        self._gathered, self._pending = np.zeros((2, 3)), 0.0  # integral of the readings, and s, not yet in `joint`
 
     @property
     def angular(self) -> Array:
@@ -94,41 +72,55 @@ class Slam:
         """Time in s since the Doppler log's last reading, or since the start."""
         return (self._t_ns - (self._dvl_ns or self._begin_ns)) * 1e-9
 
-    def settled(self) -> Joint:
-        """The joint estimate at the last stamp; `joint` alone may be some readings of the IMU behind."""
-        if self._ahead > 0:
-            steps, rates, force = math.ceil(self._ahead / _LONGEST_STEP), *(self._gathered / self._ahead)
+    def settle(self) -> None:
+        """Brings `joint` to the last stamp; it may be some readings of the IMU behind."""
+        if self._pending > 0:
+            steps, rates, force = math.ceil(self._pending / _LONGEST_STEP), *(self._gathered / self._pending)
             for _ in range(steps):
-                self._step(self._ahead / steps, rates, force)
-            self._gathered[:], self._ahead = 0.0, 0.0
-        return self.joint
+                self._step(self._pending / steps, rates, force)
+            self._gathered[:], self._pending = 0.0, 0.0
 
-    def on_imu(self, t_ns: int, rates: Array, force: Array) -> None:
-        """Lets the reading before this one last until the stamp; this one then holds until the next (eq. 9).
+    def take(self, measurement: Measurement) -> None:
+        """Takes the next measurement.
+
+        An IMU reading holds from its stamp until the next (eq. 9); a velocity over ground corrects by three scalars; a
+        bearing corrects (eq. 11-15), or adds a line to a pinger that is not known yet.
 
         Raises:
-            ValueError: a reading that no vehicle can feel, or a stamp that does not advance, or advances by too much.
+            ValueError: a reading that no vehicle can feel, an unusable variance, no recent IMU reading, or a stamp that
+                does not advance, or advances by too much.
         """
-        _require_plausible("angular rate", rates, _FASTEST, "rad/s")
-        _require_plausible("specific force", force, _HARDEST, "m/s^2")
+        match measurement:
+            case Imu():
+                self._take_imu(measurement)
+            case BodyVelocity():
+                self._take_velocity(measurement)
+            case SourceBearing():
+                self._take_bearing(*measurement)
+
+    def position(self, source_id: str) -> PlanarFix | None:
+        """Where a pinger is; None while its side or its range is not known."""
+        return self.pingers[source_id].fix if source_id in self.pingers else None
+
+    def _take_imu(self, imu: Imu) -> None:
+        t_ns = imu.t_ns
+        _require_plausible("angular rate", imu.angular, _FASTEST, "rad/s")
+        _require_plausible("specific force", imu.acceleration, _HARDEST, "m/s^2")
         if self._imu_ns:
             self._require_near(t_ns)
             self._require_order(t_ns)
             _require_later("IMU reading", t_ns, self._imu_ns)
             self._go_on((t_ns - self._imu_ns) * 1e-9, t_ns)
         self._begin_ns = self._begin_ns or t_ns
-        self._reading, self._imu_ns, self._t_ns, self.imu_age = np.array((rates, force)), t_ns, t_ns, 0.0
+        self._reading = np.array((imu.angular, imu.acceleration))
+        self._imu_ns, self._t_ns, self.imu_age = t_ns, t_ns, 0.0
 
-    def on_velocity(self, t_ns: int, linear: Array) -> None:
-        """Corrects by a Doppler log's velocity over ground, three scalars.
-
-        Raises:
-            ValueError: no recent IMU reading, or a stamp that does not advance.
-        """
+    def _take_velocity(self, velocity: BodyVelocity) -> None:
+        t_ns, linear = velocity.t_ns, velocity.linear
         self._require_imu(t_ns)
         _require_later("velocity", t_ns, self._dvl_ns)
         self._gather(t_ns)
-        self.settled()
+        self.settle()
         self._dvl_ns = t_ns
         if not self._velocity_fits(linear):
             return
@@ -136,37 +128,29 @@ class Slam:
             prediction = self._predicted_velocity(axis)
             self.joint.correct(prediction, float(linear[axis]) - prediction.value, self.config.dvl_std**2)
 
-    def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
-        """Corrects by a bearing (eq. 11-15) of an array at `offset` (2,) in the vehicle's frame, or starts the pinger.
-
-        Raises:
-            ValueError: no recent IMU reading, an unusable variance, or a stamp that does not advance.
-        """
-        std = self.config.bearing_std or std_of(variance)
+    def _take_bearing(self, source_id: str, bearing: Bearing) -> None:
+        t_ns, heard_ns = bearing.t_ns, self._heard_ns.get(source_id, 0)
+        std = self.config.bearing_std or std_of(bearing.variance)
         self._require_imu(t_ns)
-        _require_later("bearing", t_ns, self._heard_ns.get(source_id, 0))
+        _require_later("bearing", t_ns, heard_ns)
         self._gather(t_ns)
-        self.settled()
-        interval = (t_ns - self._heard_ns[source_id]) * 1e-9 if source_id in self._heard_ns else math.inf
+        self.settle()
+        interval = (t_ns - heard_ns) * 1e-9 if heard_ns else math.inf
         share = independent_share(interval, self.config.bearing_correlation_time)
         self._heard_ns[source_id] = t_ns
-        pinger = self.pingers.setdefault(source_id, Pinger(self.joint))
-        pinger.update(self.config, self._raw, bearing, std, share, offset)
-
-    def position(self, source_id: str) -> Fix | None:
-        """Where a pinger is; None while its side or its range is not known."""
-        return self.pingers[source_id].fix if source_id in self.pingers else None
+        landmark = self.pingers.setdefault(source_id, Landmark(self.joint))
+        landmark.update(self.config, self._raw, bearing.bearing, std, share, bearing.position[:2])
 
     def _go_on(self, interval: float, t_ns: int) -> None:
         """The readings of one step are taken together; not with those before or after a gap, which are worth less."""
         gap = interval > self.config.imu_timeout
         if gap:
-            self.settled()
+            self.settle()
             self._after_gap()
         self._interval = interval
         self._gather(t_ns)
-        if gap or self._ahead + interval > _LONGEST_STEP:
-            self.settled()
+        if gap or self._pending + interval > _LONGEST_STEP:
+            self.settle()
 
     def _after_gap(self) -> None:
         """Lines from before and after do not belong to one known track."""
@@ -178,7 +162,7 @@ class Slam:
         """Lets the held reading last until a stamp."""
         dt = (t_ns - self._t_ns) * 1e-9
         self._gathered += dt * self._reading
-        self._t_ns, self._ahead = t_ns, self._ahead + dt
+        self._t_ns, self._pending = t_ns, self._pending + dt
 
     def _step(self, dt: float, rates: Array, force: Array) -> None:
         config, joint, interval = self.config, self.joint, self._interval
@@ -222,8 +206,8 @@ class Slam:
 
     def _require_near(self, t_ns: int) -> None:
         ahead = (t_ns - self._imu_ns) * 1e-9
-        self.ahead = self.ahead + 1 if ahead > _LONGEST_GAP else 0
-        if self.ahead:
+        self.imu_ahead = self.imu_ahead + 1 if ahead > _LONGEST_GAP else 0
+        if self.imu_ahead:
             raise ValueError(
                 f"IMU stamp is {ahead:.1f} s after the last one, at most {_LONGEST_GAP:g} s can be bridged"
             )

@@ -12,7 +12,8 @@ from ...core.types import Array, HydrophoneInfo, Samples
 from ...sim.acoustics import absorption, images, pulse, tone_phases
 from ...sim.channel import Knots, Paths, Ping, Reception
 from ...sim.noise import add_snaps
-from ...sim.scenario import Environment, Hydrophones, Pinger
+from ...sim.scenario import Hydrophones, Pinger
+from ...sim.water import Environment
 
 EMISSION = 0.02  # s after the frame's first sample, and a random part of a sample
 SNAP_RATE, SNAP_SCALE = 100.0, 10.0  # 1/s, and in standard deviations of the white noise

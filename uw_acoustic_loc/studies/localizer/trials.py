@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from ...core.geometry import wrap_angles
 from ...core.localizer.bearing_ekf import BearingEkf, range_bank
-from ...core.localizer.log_polar import corrected, seen_from
+from ...core.localizer.log_polar import LogPolar, corrected, seen_from
 from ...core.localizer.particles import BearingParticles
 from ...core.localizer.triangulation import Ray, Triangulation
 from ...core.types import Array
 from .grid import BearingGrid
 
 Points = NDArray[np.complex128]
-Estimator = BearingParticles | BearingGrid | BearingEkf | Triangulation
+StudiedEstimator = BearingParticles | BearingGrid | BearingEkf | Triangulation
 
 SAMPLES = 21
 HALF_WIDTH = math.radians(10.0)  # of the uniform errors
@@ -129,11 +129,11 @@ def _corrected_xy(
 def log_polar_ekf(course: Course, heard: Array) -> Points:
     """Our EKF with the paper's start, all runs at once."""
     at, spread = np.full(heard.shape[0], START), np.full(heard.shape[0], 2 * (START_STD / abs(START)) ** 2)
-    state = at, spread, 0j * at
+    state = LogPolar(at, spread, 0j * at)
     found = []
     for k, shift in enumerate(-np.diff(course.vehicle, prepend=0)):
-        state = corrected(*seen_from(*state, shift), np.exp(1j * heard[:, k]), STD**2, np.exp, np.angle)[:3]
-        found.append(course.vehicle[k] + state[0] * np.exp(state[2] / 2))  # E exp(zeta)
+        state = corrected(seen_from(state, shift), np.exp(1j * heard[:, k]), STD**2).state
+        found.append(course.vehicle[k] + state.line * np.exp(state.q / 2))  # E exp(zeta)
     return np.stack(found, axis=1)
 
 
@@ -166,9 +166,9 @@ def rays(course: Course, heard: Array) -> list[Ray]:
     return [Ray(v.real, v.imag, float(b), STD) for v, b in zip(course.vehicle, heard, strict=True)]
 
 
-def begun(name: str, ray: Ray, rng: np.random.Generator) -> Estimator:
+def begun(name: str, ray: Ray, rng: np.random.Generator) -> StudiedEstimator:
     """An estimator of one run after its first bearing."""
-    makers: dict[str, Callable[[], Estimator]] = {
+    makers: dict[str, Callable[[], StudiedEstimator]] = {
         "particle_filter": lambda: particles(ray, "uniform", rng),
         "particle_filter_gaussian": lambda: particles(ray, "gaussian", rng),
         "bayes_grid": lambda: BearingGrid(ray, NEAR, FAR, noise="uniform", cells=64),

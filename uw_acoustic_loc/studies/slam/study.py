@@ -10,7 +10,7 @@ import numpy as np
 from ...evaluation.tables import Sheet
 from ..outcome import Outcome
 from . import trials
-from .trials import Case, End
+from .trials import End, NoiseCase
 
 if TYPE_CHECKING:
     from ...evaluation.plot import Picture
@@ -99,7 +99,7 @@ def _vehicle_sheet(found: Sequence[End]) -> Sheet:
     return Sheet("Vehicle", columns, rows)
 
 
-def _correlated_sheet(found: Mapping[Case, Sequence[End]]) -> Sheet:
+def _correlated_sheet(found: Mapping[NoiseCase, Sequence[End]]) -> Sheet:
     columns = (
         "errors", "told to the filter", "runs", "pingers, median m", "90 % m", "NEES/dim of the pingers", "worst run",
         "vehicle, RMSE m", "NEES/dim of the vehicle",
@@ -107,7 +107,7 @@ def _correlated_sheet(found: Mapping[Case, Sequence[End]]) -> Sheet:
     return Sheet("Correlated bearings", columns, tuple(_correlated_row(*item) for item in found.items()))
 
 
-def _correlated_row(case: Case, found: Sequence[End]) -> tuple[str, ...]:
+def _correlated_row(case: NoiseCase, found: Sequence[End]) -> tuple[str, ...]:
     distances = [d for e in found for d in e.distance.values()]
     return (
         f"{case.correlation:g} at 10 Hz" if case.correlation else "white",

@@ -9,7 +9,7 @@ from scipy.io import wavfile
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.rosbags_messages import deserialize
-from uw_acoustic_loc.bag.wav import WavSetup, convert_wav
+from uw_acoustic_loc.bag.sound.convert import WavSetup, convert_wav
 from uw_acoustic_loc.cli.main import main
 from uw_acoustic_loc.core.types import Bearing, HydrophoneInfo, Samples
 from uw_acoustic_loc.graph import load_graph
@@ -56,7 +56,7 @@ def read(bag, topic, kind):
 @pytest.mark.parametrize("angle", [0.8, 2.0])
 def test_a_wav_gives_the_right_bearings(tmp_path: Path, kind: str, angle: float):
     write(tmp_path / "a.wav", sound(angle), kind)
-    convert_wav(tmp_path / "a.wav", tmp_path / "bag", SETUP)
+    convert_wav([tmp_path / "a.wav"], tmp_path / "bag", SETUP)
     (tmp_path / "params.yaml").write_text(PARAMS)
     (tmp_path / "graph.yaml").write_text("nodes: [{executable: bearing, namespace: auv1, params: params.yaml}]")
     refused = []
@@ -75,7 +75,7 @@ def test_a_wav_gives_the_right_bearings(tmp_path: Path, kind: str, angle: float)
 def test_pressures_info_and_stamps(tmp_path: Path, kind: str, dtype: type):
     x = sound(1.0, seconds=0.25)
     write(tmp_path / "a.wav", x, kind)
-    counts = convert_wav(tmp_path / "a.wav", tmp_path / "bag", SETUP)
+    counts = convert_wav([tmp_path / "a.wav"], tmp_path / "bag", SETUP)
     assert counts == {"/auv1/hydrophones/info": 1, "/auv1/hydrophones/samples": 3}
     (info,) = read(tmp_path / "bag", "/auv1/hydrophones/info", HydrophoneInfo)
     assert (info.sample_rate, info.spacing, info.sound_speed) == (RATE, SPACING, SPEED)
@@ -113,8 +113,6 @@ def file_of(folder: Path, what: str) -> Path:
         x = sound(1.0, 0.1)
         x[1, 3] = np.nan
         write(path, x, "float32")
-    elif what == "bytes":
-        wavfile.write(path, RATE, np.zeros((100, 2), np.uint8))
     elif what == "stereo":
         write(path, sound(1.0, 0.1), "int16")
     return path
@@ -124,12 +122,13 @@ def file_of(folder: Path, what: str) -> Path:
     ("what", "options", "sentence"),
     [
         ("none", [], "none.wav cannot be read: No such file or directory"),
-        ("text", [], "text.wav is not a WAV file that can be read"),
-        ("cut", [], "cut.wav is not a WAV file that can be read"),
-        ("empty", [], "empty.wav is not a WAV file that can be read"),
+        ("text", [], "text.wav is not a sound file that can be read"),
+        ("cut", [], "cut.wav is not a sound file that can be read"),
+        ("empty", [], "empty.wav is not a sound file that can be read"),
         ("mono", [], "mono.wav must have channels [0, 1], it has 1, counted from 0"),
-        ("nan", [], "nan.wav must have finite samples, got 1 that are not"),
-        ("bytes", [], "bytes.wav must have samples of 16, 24 or 32 bits, or float, got uint8"),
+        ("nan", [], "nan.wav must have finite samples, sample 3 is not"),
+        ("stereo", [], "stereo.wav has no time in its name or its content: give --start or --time-format"),
+        ("stereo", ["--start", "1e30"], "start must be after 1970-01-01 and before 2262, got 1e+30 s"),
         ("stereo", ["--channels", "0,2"], "must have channels [0, 2], it has 2, counted from 0"),
         ("stereo", ["--channels", "1,1"], "channels must be two different numbers from 0, got [1, 1]"),
         ("stereo", ["--channels", "left"], "--channels must be two numbers such as 0,1, got 'left'"),
@@ -137,7 +136,7 @@ def file_of(folder: Path, what: str) -> Path:
         ("stereo", ["--sound-speed", "nan"], "sound-speed must be positive and finite, got nan"),
         ("stereo", ["--full-scale", "0"], "full-scale must be positive and finite, got 0.0"),
         ("stereo", ["--frame", "1e-9"], "frame must be at least one sample of 1.04167e-05 s, got 1e-09 s"),
-        ("stereo", ["--start", "-5"], "start must be after 1970-01-01, got -5.0 s"),
+        ("stereo", ["--start", "-5"], "start must be after 1970-01-01 and before 2262, got -5.0 s"),
     ],
 )
 def test_wrong_input_is_one_sentence(tmp_path: Path, capsys, what, options, sentence):

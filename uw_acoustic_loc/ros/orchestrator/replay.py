@@ -1,4 +1,4 @@
-"""How a graph is replayed: the bag stands in for the drivers, and the books must balance."""
+"""How a graph is replayed: the bag stands in for the drivers, and what was sent must equal what was taken."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..bag.reader import Bag
-from ..bag.remap import RemappedBag, remaps
-from ..graph import Graph, GraphNode
-from ..resolved_graph import upstream_first, wire
-from ..sim.catalog import SOURCES
-from ..stages.catalog import STAGES
-from .sync import Reports
+from ...bag.reader import Bag
+from ...bag.remap import RemappedBag, remaps
+from ...graph import Graph, GraphNode
+from ...resolved_graph import resolve_node, upstream_first
+from ...sim.catalog import SOURCES
+from ...stages.catalog import is_stage
+from ..report import Reports, published
+from .command_line import RECORDER
+from .window import window_s
 
 
 def without_drivers(graph: Graph) -> Graph:
@@ -27,18 +29,19 @@ def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str
     Raises:
         ValueError: the bag has none of the topics that the graph needs.
     """
-    wirings = upstream_first([wire(node) for node in graph.nodes])
+    wirings = upstream_first([resolve_node(node) for node in graph.nodes])
     outputs = {topic for wiring in wirings for topic in wiring.outputs}
     needed = {topic for wiring in wirings for topic in wiring.inputs} - outputs
     if needed and not needed & set(bag.topics):
         raise ValueError(f"bag {bag.path} has none of the topics that the graph needs: {', '.join(sorted(needed))}")
     topics = sorted(needed & set(bag.topics)) if needed else sorted(set(bag.topics) - outputs)
-    consumers = [w.node.full_name for w in wirings if w.node.executable in STAGES]
+    consumers = [w.node.full_name for w in wirings if is_stage(w.node.executable)]
     params = {
         "bag": bag.path.resolve(),
         "rate": float(rate),
+        "window": window_s(wirings),
         "topics": f"[{', '.join(topics)}]",
-        "consumers": f"[{', '.join([*consumers, '/recorder'])}]",
+        "consumers": f"[{', '.join([*consumers, RECORDER])}]",
     }
     if pairs:
         params["remap"] = f"[{', '.join(f'{old} {new}' for old, new in remaps(pairs).items())}]"
@@ -46,7 +49,7 @@ def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str
 
 
 @dataclass(frozen=True)
-class Entry:
+class Delivery:
     """A topic's messages on their way from a writer to a reader."""
 
     topic: str
@@ -55,7 +58,7 @@ class Entry:
     read: int
 
     @property
-    def balanced(self) -> bool:
+    def complete(self) -> bool:
         """Nothing was lost, nothing came twice."""
         return self.written == self.read
 
@@ -65,14 +68,12 @@ class Entry:
         return f"{self.topic}: {self.written} out, {self.read} in {self.reader}"
 
 
-def replay_books(reports: Reports, played: RemappedBag, recorded: Bag) -> list[Entry]:
+def replay_deliveries(reports: Reports, played: RemappedBag, recorded: Bag) -> list[Delivery]:
     """What the bag holds against what the nodes took, and what they sent against what the recorded bag holds."""
-    nodes = {name: report for name, report in reports.items() if "recorded" not in report}
-    taken = sorted((t, name, seen["taken"]) for name, report in nodes.items() for t, seen in report["in"].items())
-    sent: Counter[str] = Counter()
-    for report in nodes.values():
-        sent.update({topic: out["sent"] for topic, out in report["out"].items()})
+    nodes = {name: report for name, report in reports.items() if name != RECORDER}
+    taken = sorted((topic, name, t.count) for name, report in nodes.items() for topic, t in report.taken.items())
+    sent = published(nodes)
     written = sent + Counter(record.topic for record in played.records({t for t, _, _ in taken} - set(sent)))
     kept = Counter(record.topic for record in recorded.records([*sent]))
-    inputs = [Entry(topic, written[topic], name, count) for topic, name, count in taken]
-    return [*inputs, *(Entry(topic, sent[topic], "the new bag", kept[topic]) for topic in sorted(sent))]
+    inputs = [Delivery(topic, written[topic], name, count) for topic, name, count in taken]
+    return [*inputs, *(Delivery(topic, sent[topic], "the new bag", kept[topic]) for topic in sorted(sent))]

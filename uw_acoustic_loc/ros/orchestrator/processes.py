@@ -3,26 +3,71 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
-from .spin import LAUNCHER
+from ..spin import LAUNCHER
+
+Log = Callable[[str, str], None]  # who, line
 
 _BACKOFF_S = (0.1, 0.5, 1.0, 2.0, 5.0)
 _PATIENCE_S = 5.0  # for each of SIGINT, SIGTERM
 USER_ERROR = 1  # the exit code of a node that has said in one sentence what is wrong: starting it again cannot help
 
 
+class Processes:
+    """The processes of a graph by their nodes' full names; those of `ours` answer `~/sync`."""
+
+    def __init__(self, ours: list[str], log: Log) -> None:
+        self.ours, self._log = ours, log
+        self._processes: dict[str, NodeProcess] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """In the order of their start."""
+        return list(self._processes)
+
+    def start(self, name: str, command: list[str]) -> None:
+        """Starts a node."""
+        self._processes[name] = NodeProcess(name, command, self._log)
+
+    def ended(self) -> dict[str, int]:
+        """Exit codes of those that do not run."""
+        codes = {name: process.exit_code() for name, process in self._processes.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def watch(self) -> dict[str, int]:
+        """Restarts what has crashed; exit codes of what has ended and stays ended."""
+        codes = {name: process.watch() for name, process in self._processes.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def steady(self) -> list[str]:
+        """Those of `ours` that have run since the start: the delivery counts of the others are not complete."""
+        ended, restarted = self.ended(), self.restarts()
+        return [name for name in self.ours if name not in ended and name not in restarted]
+
+    def restarts(self) -> dict[str, int]:
+        """How often each that had to be was started again."""
+        return {name: process.restarts for name, process in self._processes.items() if process.restarts}
+
+    def stop(self, name: str) -> int:
+        """Stops a node; its exit code."""
+        return self._processes[name].stop()
+
+    def stop_all(self) -> None:
+        """Stops whatever still runs, in any order."""
+        for name in self._processes:
+            self.stop(name)
+
+
 class NodeProcess:
     """A node's process; `log` gets its lines."""
 
-    def __init__(self, name: str, command: list[str], log: Callable[[str, str], None]) -> None:
+    def __init__(self, name: str, command: list[str], log: Log) -> None:
         self.name, self._command, self._log = name, command, log
         self.restarts = 0
         self._restart_at = 0.0
@@ -99,44 +144,3 @@ def _environment(command: list[str]) -> dict[str, str]:
     if command[0] != sys.executable:  # the wheels' start-up guard belongs to this interpreter
         environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
     return environment
-
-
-class SharedMemory:
-    """Fast DDS's files in /dev/shm: a killed process leaves its own behind."""
-
-    _FOLDER = Path("/dev/shm")
-
-    def __init__(self) -> None:
-        self._before = self._files()
-
-    def abandoned(self) -> set[str]:
-        """What appeared since, is ours, and no process maps any more."""
-        left = self._files() - self._before
-        mapped = "".join(_text(path) for path in Path("/proc").glob("[0-9]*/maps")) if left else ""
-        # a segment's lock and semaphore live as long as the segment does
-        return {name for name in left if re.sub(r"^sem\.|_mutex$|_el$", "", name) not in mapped}
-
-    def clean(self) -> None:
-        """Removes what is abandoned."""
-        for name in self.abandoned():
-            (self._FOLDER / name).unlink(missing_ok=True)
-
-    def _files(self) -> set[str]:
-        if not self._FOLDER.is_dir():
-            return set()
-        files = [path for path in self._FOLDER.iterdir() if "fastrtps_" in path.name or "fastdds_" in path.name]
-        return {path.name for path in files if _owned(path)}
-
-
-def _owned(path: Path) -> bool:
-    try:
-        return path.stat().st_uid == os.getuid()
-    except FileNotFoundError:  # gone in the meantime
-        return False
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text()
-    except OSError:  # the process has ended, or belongs to someone else
-        return ""

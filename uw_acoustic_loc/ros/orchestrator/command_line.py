@@ -10,18 +10,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..bag.about import about_graph
-from ..graph import GraphNode
-from ..resolved_graph import DriverWiring, Wiring
-from ..sim.catalog import SOURCES
-from ..stages.catalog import STAGES
-from ..wire.codec import codec
+from ...bag.about import about_graph
+from ...graph import GraphNode
+from ...resolved_graph import ResolvedDriver, ResolvedNode
+from ...sim.catalog import SOURCES
+from ...stages.catalog import is_stage, stage_names
+from ...wire.codec import codec
 
-_OURS = (*SOURCES, *STAGES, "recorder", "player")
+_PROGRAM = str(__package__).rpartition(".")[0]  # python -m
+RECORDER = "/recorder"  # its full name
 LEAD_S = 15  # without /clock all drivers start together, when the slowest of them is up
 
 
-def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWiring | None) -> list[str]:
+def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: ResolvedDriver | None) -> list[str]:
     """Program and ROS arguments of a node.
 
     Raises:
@@ -50,23 +51,23 @@ def command_line(node: GraphNode, graph: Path, sim_time: bool, driver: DriverWir
     return _program(node, graph) + arguments
 
 
-def recorder_node(bag: Path, wirings: Sequence[Wiring]) -> GraphNode:
-    """The recorder of all that a graph publishes. With other packages' nodes in it, it looks what appears."""
+def recorder_node(bag: Path, wirings: Sequence[ResolvedNode]) -> GraphNode:
+    """The recorder of all that a graph publishes. With other packages' nodes in it, it records whatever appears."""
     outputs = [(topic, output) for wiring in wirings for topic, output in wiring.outputs.items()]
     pairs = [f"{topic} {codec(output.kind).msgtype}" for topic, output in outputs]
     pairs.append("/diagnostics diagnostic_msgs/msg/DiagnosticArray")
     latched = [topic for topic, output in outputs if output.latched]
     about = json.dumps(about_graph(wirings))
     params: dict[str, Any] = {"bag": bag, "about": json.dumps(about)}  # as YAML: a string in double quotes
-    if all(wiring.node.executable in _OURS for wiring in wirings):
+    if all(_ours(wiring.node.executable) for wiring in wirings):
         params |= {"topics": f"[{', '.join(pairs)}]"}
         params |= {"latched": f"[{', '.join(latched)}]"} if latched else {}
-    return GraphNode("recorder", "recorder", "/", None, {}, params)
+    return GraphNode("recorder", RECORDER.strip("/"), "/", None, {}, params)
 
 
 def _program(node: GraphNode, graph: Path) -> list[str]:
-    if node.executable in _OURS:
-        return [sys.executable, "-m", str(__package__), node.executable]
+    if _ours(node.executable):
+        return [sys.executable, "-m", _PROGRAM, node.executable]
     package, _, executable = node.executable.partition("/")
     for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
         path = Path(prefix, "lib", package, executable)
@@ -74,5 +75,11 @@ def _program(node: GraphNode, graph: Path) -> list[str]:
             return [str(path)]
     raise ValueError(
         f"graph {graph}: executable '{node.executable}' of node {node.full_name} is unknown: it must be one of"
-        f" {', '.join(_OURS)}, or package/executable of an installed ROS 2 package"
+        f" {', '.join([*SOURCES, *stage_names(), 'recorder', 'player'])}, or package/executable of an installed ROS 2"
+        " package"
     )
+
+
+def _ours(executable: str) -> bool:
+    """Whether this package runs it, if only with another package's stage."""
+    return executable in SOURCES or executable in ("recorder", "player") or is_stage(executable)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry import mirror_bearing, wrap_angle
 from ..localizer.localizer import image_error
-from ..localizer.triangulation import Fix, fits, meet, merged_pairs, nearest, residuals
+from ..localizer.triangulation import PlanarFix, fits, meet, merged_pairs, nearest, residuals
 from ..types import Array
+from .config import SlamConfig
 from .inertial import LOG_BIAS, SIZE, YAW, YAW_BIAS
 from .joint import Joint, Slot
-
-if TYPE_CHECKING:
-    from .filter import SlamConfig
 
 
 class Pose(NamedTuple):
@@ -49,7 +47,7 @@ class Meeting:
     `bias_cov` (3, 3) what they then are; `fits` and `sharp` say that the lines agree, and meet, without that.
     """
 
-    fix: Fix
+    fix: PlanarFix
     by_bias: Array
     cost: float
     biases: Array
@@ -58,50 +56,65 @@ class Meeting:
     sharp: bool
 
 
+class _Columns(NamedTuple):
+    """Columns (n,) of the lines held, in an order that `merged_pairs` asks for."""
+
+    x: Array  # m, where it was heard
+    y: Array
+    bearing: Array  # rad, in the frame of the raw track
+    variance: Array  # rad^2
+    time: Array  # s
+    yaw: Array  # rad, of the vehicle
+
+
 class Lines:
-    """Bearing lines of one side from raw dead reckoning: x, y, bearing, variance, time, yaw of the vehicle (n, 6).
+    """Bearing lines of one side, drawn from raw dead reckoning.
 
     The raw track has the true biases of gyro and log in it. When the lines are intersected these are taken out as they
     are then estimated, so that what is left is an error of that estimate, with a known correlation.
     """
 
     def __init__(self) -> None:
-        self._lines = np.empty((_CAPACITY, 6))
+        self._rows = np.empty((_CAPACITY, len(_Columns._fields)))
         self._count = 0
+
+    @property
+    def _held(self) -> _Columns:
+        return _Columns(*self._rows[: self._count].T)
 
     def add(self, raw: Pose, offset: Array, bearing: float, variance: float) -> None:
         """Takes a bearing in the vehicle's frame, and forgets what is older than the biases can be trusted."""
-        old = int(np.searchsorted(self._lines[: self._count, 4], raw.time - _MEMORY))
-        self._lines[: self._count - old] = self._lines[old : self._count].copy()
+        old = int(np.searchsorted(self._held.time, raw.time - _MEMORY))
+        self._rows[: self._count - old] = self._rows[old : self._count].copy()
         self._count -= old
         if self._count == _CAPACITY:
             self._count //= 2
-            self._lines[: self._count] = merged_pairs(self._lines)
-        line = *raw.at(offset), wrap_angle(raw.yaw + bearing), variance, raw.time, raw.yaw
-        self._lines[self._count] = line
+            self._rows[: self._count] = merged_pairs(self._rows)
+        x, y = raw.at(offset)
+        self._rows[self._count] = x, y, wrap_angle(raw.yaw + bearing), variance, raw.time, raw.yaw
         self._count += 1
 
     @property
     def turn(self) -> float:
         """How far the vehicle has turned to and fro while the lines were heard."""
-        return float(np.ptp(self._lines[: self._count, 5]))
+        return float(np.ptp(self._held.yaw))
 
     def meeting(self, raw: Pose, pose: Pose, biases: Array, prior: Array, prior_cov: Array) -> Meeting | None:
         """In the frame of `pose`, the estimate of where the raw track has come to; drawn with `biases`.
 
         None while that is not determined at all.
         """
-        lines, variances = self._lines[: self._count], self._lines[: self._count, 3]
-        turned = pose.yaw - raw.yaw + biases[0] * (raw.time - lines[:, 4])
+        lines, variances = self._held, self._held.variance
+        turned = pose.yaw - raw.yaw + biases[0] * (raw.time - lines.time)
         origins, moved = self._origins(raw, pose, biases, turned)
-        bearings = lines[:, 2] + turned
+        bearings = lines.bearing + turned
         fix = nearest(origins, bearings, variances)
         if fix is None:
             return None
         offset = fix.mean - origins
         H = np.stack([-offset[:, 1], offset[:, 0]], axis=1) / np.square(offset).sum(axis=1)[:, None]
         A = np.einsum("ij,ijk->ik", H, moved)  # of the residuals, with respect to the biases
-        A[:, 0] += raw.time - lines[:, 4]
+        A[:, 0] += raw.time - lines.time
         by_bias = fix.cov @ (H.T / variances) @ A
         error, free = residuals(fix.mean, origins, bearings), A - H @ by_bias  # the point being free
         fitting = fits(float(error @ (error / variances)), self._count)
@@ -118,20 +131,19 @@ class Lines:
         A gyro bias estimated too high by e leaves a step of age a turned by e a against the last; one of the log makes
         each step too short.
         """
-        lines = self._lines[: self._count]
-        x_y_yaw_time = np.vstack([lines[:, [0, 1, 5, 4]], (raw.x, raw.y, raw.yaw, raw.time)])
-        step = np.diff(x_y_yaw_time, axis=0)
-        middle = (x_y_yaw_time[1:] + x_y_yaw_time[:-1]) / 2
-        age, turn = raw.time - middle[:, 3], (turned + np.append(turned[1:], pose.yaw - raw.yaw)) / 2
-        forward = _rotations(middle[:, 2] + turn) * step[:, 3, None, None]  # distance per speed
-        steps = np.einsum("ijk,ik->ij", _rotations(turn), step[:, :2]) - forward @ biases[1:]
+        lines = self._held
+        x_y = np.vstack([np.stack([lines.x, lines.y], axis=1), (raw.x, raw.y)])
+        yaw, time = np.append(lines.yaw, raw.yaw), np.append(lines.time, raw.time)
+        age, turn = raw.time - (time[1:] + time[:-1]) / 2, (turned + np.append(turned[1:], pose.yaw - raw.yaw)) / 2
+        forward = _rotations((yaw[1:] + yaw[:-1]) / 2 + turn) * np.diff(time)[:, None, None]  # distance per speed
+        steps = np.einsum("ijk,ik->ij", _rotations(turn), np.diff(x_y, axis=0)) - forward @ biases[1:]
         by_gyro = np.stack([steps[:, 1], -steps[:, 0]], axis=1) * age[:, None]
         moved = np.concatenate([by_gyro[:, :, None], forward], axis=2)
         return (pose.x, pose.y) - _sum_to_end(steps), _sum_to_end(moved)
 
 
-class Pinger:
-    """One pinger.
+class Landmark:
+    """One pinger of the map.
 
     Its lines wait outside the state until they meet at a range known to 7 % of itself, all of them linearised at
     that point, and until one side of the array is decisively likelier. A single start at some range, or one with a
@@ -143,13 +155,13 @@ class Pinger:
         self._sides: list[Lines] = []
         self._slot: Slot | None = None
         self.both_sides = False
-        self.told: Estimate | None = None  # the yaw gyro's bias at which lines meet that do not at the filter's
+        self.lines_bias: Estimate | None = None  # the yaw gyro's, at which lines meet that do not at the filter's
         self.used = self.unused = self.restarts = 0
         self.nis = 0.0
         self._in_a_row = 0  # bearings beyond the gate
 
     @property
-    def fix(self) -> Fix | None:
+    def fix(self) -> PlanarFix | None:
         """The position; None until it is known."""
         return None if self._slot is None else self._joint.position(self._slot)
 
@@ -194,7 +206,7 @@ class Pinger:
             self.restarts += 1
 
     def _try_to_start(self, config: SlamConfig, raw: Pose) -> None:
-        mean, self.told = self._joint.mean, None
+        mean, self.lines_bias = self._joint.mean, None
         self.both_sides = len(self._sides) == 2
         if self.both_sides and self._sides[0].turn < _TURN:
             return
@@ -206,7 +218,7 @@ class Pinger:
         if best is not None and not best.fits:
             there = self._sides[found.index(best)].meeting(raw, pose, best.biases, biases, bias_cov)
             if there is not None and there.sharp:
-                self.told = Estimate(there.biases.item(0), there.bias_cov.item(0, 0))
+                self.lines_bias = Estimate(there.biases.item(0), there.bias_cov.item(0, 0))
         if best is None or not best.sharp:
             return
         dx, dy = best.fix.mean - (pose.x, pose.y)
