@@ -129,7 +129,8 @@ def test_gauge_pressure_is_named_with_its_figure() -> None:
     stage, _ = run(changed(CONFIG, pressure_std=200.0), with_pressure(101_325, 1.0))
     status = stage.status()
     assert status.level == Status.WARN
-    assert "m above what the arrivals show; a gauge pressure would be" in status.message
+    assert "the arrivals fit a target 10.1 m below what the pressure says" in status.message
+    assert status.message.endswith("m by themselves: a gauge pressure?")
 
 
 def test_pressure_as_it_should_be_is_no_warning() -> None:

@@ -127,6 +127,7 @@ class ToaTrackerStage(Stage):
         if self._tracker:
             z, variance = height_from_pressure(measured.pressure, measured.variance, self._config.pressure)
             self._tracker.measure_height(measured.t_ns, z, variance)
+            self._pressure.measure_height(measured.t_ns, z, variance)
         yield from ()
 
     def _use(self, ids: list[int], positions: Array) -> None:
