@@ -90,7 +90,7 @@ def record_from(plan: Layout, kind: type, msg: Any, single: bool = False) -> Any
 
 def value_of(plan: Layout, kind: type, t_ns: int, frame_id: str, rows: AnyArray, single: bool) -> Any:
     """Makes a core type of structured rows (N,), its columns contiguous: strides would slow every later use."""
-    columns: dict[str, Any] = {column: np.ascontiguousarray(rows[column]) for column, _ in plan.columns}
+    columns: dict[str, Any] = {column: _whole(rows[column], declared) for column, declared in plan.columns}
     if single:
         if len(next(iter(columns.values()))) != 1:
             raise ValueError(f"{plan.name}: must have 1 row, got {len(next(iter(columns.values())))}")
@@ -98,6 +98,11 @@ def value_of(plan: Layout, kind: type, t_ns: int, frame_id: str, rows: AnyArray,
         if not all(map(math.isfinite, columns.values())):
             raise ValueError(f"{plan.name} must be finite, got {[*columns.values()]}")
     return kind(t_ns=t_ns, frame_id=frame_id, **columns)
+
+
+def _whole(column: AnyArray, declared: str) -> AnyArray:
+    """A column in one piece; float32 in the place of float64 loses nothing by becoming that."""
+    return np.ascontiguousarray(column, np.float64 if declared == "float64" else None)
 
 
 def rows_of(plan: Layout, value: Any) -> AnyArray:
@@ -165,7 +170,8 @@ def _checked(plan: Layout, given: tuple[tuple[str, int, int, int], ...], step: i
     """The record's columns among those of a message; ValueError with the first that is missing or of another type."""
     named = {field[0]: field for field in given}
     for column, kind in plan.columns:
-        _check(plan.name, column, plan.allowed(kind), named.get(column), step)
+        widened = ("float32",) if kind == "float64" else ()
+        _check(plan.name, column, plan.allowed(kind) + widened, named.get(column), step)
     return tuple(named[column][:3] for column, _ in plan.columns)
 
 
