@@ -35,7 +35,7 @@ def test_the_package_s_own_are_accepted(name, tmp_path):
 def test_bands_in_khz():
     sentence = refusal(pingers__0__band_low=29.0, pingers__0__band_high=31.0)
     assert sentence == (
-        "scenario pool: pingers[0]: band_high must be in Hz, got 31, not 10 cycles of which fit the pulse"
+        "scenario pool: pinger a: band_high must be in Hz, got 31 Hz, of which not even 10 cycles fit the pulse_length"
     )
 
 

@@ -122,8 +122,6 @@ class Pinger:
     def __post_init__(self) -> None:
         if self.band_low > self.band_high:
             raise ValueError(f"band_low must be at most band_high, got {self.band_low:g} and {self.band_high:g} Hz")
-        if self.band_high < 1e3 and self.band_high * self.pulse_length < 10:
-            raise ValueError(f"band_high must be in Hz, got {self.band_high:g}, not 10 cycles of which fit the pulse")
         if self.q_factor and (self.q_factor <= 0.5 or self.pulse != "tone"):
             raise ValueError(f"q_factor must be 0, or above 0.5 with a tone, got {self.q_factor:g} with a {self.pulse}")
 
@@ -237,13 +235,19 @@ class Scenario:
     def __post_init__(self) -> None:
         for name, place in self._places():
             self.environment.check_inside(name, place)
-        half = 0.5 * self.hydrophones.sample_rate
         for pinger in self.pingers if self.vehicle else ():
-            if pinger.band_high >= half:
-                raise ValueError(
-                    f"pinger {pinger.id}: band_high must be below half the hydrophones' sample_rate, "
-                    f"{half:g} Hz, got {pinger.band_high:g} Hz"
-                )
+            self._check_band(pinger)
+
+    def _check_band(self, pinger: Pinger) -> None:
+        name, high, half = (
+            f"pinger {pinger.id}: band_high must be",
+            pinger.band_high,
+            0.5 * self.hydrophones.sample_rate,
+        )
+        if high >= half:
+            raise ValueError(f"{name} below half the hydrophones' sample_rate, {half:g} Hz, got {high:g} Hz")
+        if high < 1e3 and high * pinger.pulse_length < 10:
+            raise ValueError(f"{name} in Hz, got {high:g} Hz, of which not even 10 cycles fit the pulse_length")
 
     def _places(self) -> Iterator[tuple[str, tuple[float, float, float]]]:
         """What must lie in the water and within the walls."""
