@@ -29,7 +29,7 @@ class HydrophoneSource:
     """Frame k covers [k L, (k + 1) L) after the start and is available at its end.
 
     Raises:
-        ValueError: the scenario has no vehicle to carry the hydrophones, or something lies below the seabed.
+        ValueError: the scenario has no vehicle to carry the hydrophones.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -41,7 +41,6 @@ class HydrophoneSource:
         self._size = round(self._array.frame_length * self._array.sample_rate)
         turned = rotation_from_rpy(0.0, 0.0, self._array.array_yaw) @ hydrophone_positions(self._array.spacing).T
         self._in_base = turned + np.array(self._array.array_position)[:, None]
-        _check_above_seabed("hydrophones", scenario.vehicle.z + self._array.array_position[2], env)
         self._paths = [_paths(p, env) for p in scenario.pingers]
         self._knots = Knots(self._size, self._array.sample_rate)
         self._noise = GaussianNoise(env, self._array, self._size)
@@ -110,14 +109,8 @@ class HydrophoneSource:
 
 
 def _paths(pinger: Pinger, env: Environment) -> Paths:
-    _check_above_seabed(f"pinger {pinger.id}", pinger.z, env)
     centre = 0.5 * (pinger.band_low + pinger.band_high)
     return Paths(*images(np.array([pinger.x, pinger.y, pinger.z]), env), absorption(centre, env))
-
-
-def _check_above_seabed(name: str, z: float, env: Environment) -> None:
-    if not -env.depth <= z <= 0.0:
-        raise ValueError(f"scenario: {name} must lie between the seabed at {-env.depth:g} m and 0 m, got {z:g} m")
 
 
 def _truth(pinger: Pinger) -> str:
