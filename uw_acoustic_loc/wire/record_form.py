@@ -49,7 +49,7 @@ class RecordForm:
         if found is None:
             return None
         t_ns, frame_id, rows = found
-        return value_of(self.name, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
+        return value_of(self.name, self.kind, t_ns, frame_id, rows, self.single)
 
     def _unpacked(self, data: bytes) -> tuple[int, str, Any] | None:
         """Stamp, frame and rows."""
@@ -65,7 +65,7 @@ class RecordForm:
         for row in row_types(self.name):
             if data.startswith(_middle(row), at):
                 rows = _rows(data, at + len(_middle(row)), count, row)
-                return None if rows is None else (sec * SECOND + nanosec, frame_id, rows)
+                return None if rows is None else (checked_stamp(sec, nanosec), frame_id, rows)
         return None
 
 
