@@ -30,7 +30,7 @@ class _Member:
 
     def __init__(self, stage: ResolvedStage, tell: Callable[[str, Refusal], None]) -> None:
         self.name = name = stage.node.full_name
-        self.runner = Runner(stage.make_stage, stage.lateness, lambda refusal: tell(name, refusal))
+        self.runner = Runner(stage.make_stage, stage.lateness, lambda refusal: tell(name, refusal), stage.input_configs)
         self.names = {output.topic: topic for topic, output in stage.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
 
