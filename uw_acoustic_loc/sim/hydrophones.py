@@ -12,7 +12,7 @@ from ..contract import Event, Output
 from ..core.geometry import hydrophone_positions, rotation_from_rpy
 from ..core.types import AnyArray, Array, HydrophoneInfo, Point, Samples
 from .acoustics import absorption, images, pings, pulse, sounding, tone_phases
-from .channel import Knots, Paths, Ping, Reception
+from .channel import EmittedPulse, Knots, Paths, Reception
 from .converter import convert, scale
 from .environment import SoundSpeed
 from .noise import GaussianNoise, ThrusterNoise, add_snaps
@@ -97,7 +97,7 @@ class HydrophoneSource:
             for ping in self._pings(k, pinger, times, reception.reach):
                 reception.add(ping, pressure)
 
-    def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[Ping]:
+    def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[EmittedPulse]:
         """The pings of a pinger that may be heard at the times, at a distance within reach."""
         env, length = self._scenario.environment, sounding(pinger)
         slowest, fastest = env.sound_speed - env.sound_speed_range, env.sound_speed + env.sound_speed_range
@@ -105,7 +105,7 @@ class HydrophoneSource:
             emission = pinger.offset + n * pinger.period
             phases = tone_phases(pinger, self._scenario.rng(_PULSE_KEY, k, n))
             c = float(self._sound_speed.at(emission))
-            yield Ping(emission, length, c, partial(pulse, pinger, phases=phases))
+            yield EmittedPulse(emission, length, c, partial(pulse, pinger, phases=phases))
 
 
 def _paths(pinger: Pinger, env: Environment) -> Paths:

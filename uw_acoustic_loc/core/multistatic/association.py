@@ -21,7 +21,7 @@ class Grouping:
     """
 
     def __init__(self, single: Likelihood, receiver: AnyArray, gate: float) -> None:
-        """`single` has a row per detection and one column; `receiver` (D,) tells which rows exclude each other."""
+        """`single` has a row per detection and one column; `receiver` (D,) names the rows that exclude each other: those of one receiver."""
         self._single, self._receiver = single, receiver
         self._limit = chi_square_limit(gate, 2)
         self._positions, self._information = _own_fixes(single)
