@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -30,9 +31,7 @@ class _Member:
 
     def __init__(self, stage: ResolvedStage, report: Callable[[str, Refusal], None]) -> None:
         self.name = name = stage.node.full_name
-        self.runner = Runner(
-            stage.make_stage, stage.lateness, lambda refusal: report(name, refusal), stage.input_configs
-        )
+        self.runner = Runner(stage.make_stage, stage.lateness, partial(report, name), stage.input_configs)
         self.names = {output.topic: topic for topic, output in stage.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
 

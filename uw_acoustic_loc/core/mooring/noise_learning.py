@@ -1,8 +1,8 @@
 """The standard deviation and impulse fraction of a noise, worked out from the measurements that a particle filter sees.
 
-A grid of hypotheses, each weighted by how well it has predicted the measurements so far; the particles are weighted with
-the average likelihood of all. Cloud and hypotheses are taken as independent after every measurement. Shape and relative
-scale of the impulses are given.
+A grid of hypotheses, each weighted by how well it has predicted the measurements so far; the particles are weighted
+with the average likelihood of all. Cloud and hypotheses are taken as independent after every measurement. Shape and
+relative scale of the impulses are given.
 """
 
 from __future__ import annotations

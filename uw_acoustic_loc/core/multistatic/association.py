@@ -21,7 +21,7 @@ class Grouping:
     """
 
     def __init__(self, single: Likelihood, receiver: AnyArray, gate: float) -> None:
-        """`single` has a row per detection and one column; `receiver` (D,) names the rows that exclude each other: those of one receiver."""
+        """`single` has a row per detection and one column; rows of one `receiver` (D,) exclude each other."""
         self._single, self._receiver = single, receiver
         self._limit = chi_square_limit(gate, 2)
         self._positions, self._information = _own_fixes(single)
