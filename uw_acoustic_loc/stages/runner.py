@@ -57,6 +57,7 @@ class Runner:
         self._frames = {topic: Frames(self._inputs[topic], config) for topic, config in configs.items()}
         self._placings = {topic: Placing(config) for topic, config in configs.items() if config.mounted}
         self._plausible = {topic: Plausibility(topic) for topic in self._inputs}
+        self._first_refusal = ""
         self._rates = np.zeros(3)
         self._sequencer = _sequencer(self._inputs.values(), lateness)
         self._watch = StampWatch(self._inputs, self._sequencer, lateness)
@@ -76,8 +77,18 @@ class Runner:
         notes = {f"{topic} note": "; ".join(p.notes.values()) for topic, p in self._plausible.items() if p.notes}
         if not faults:
             return Status(own.level, own.message, {**own.values, **notes})
-        message = "; ".join(faults if own.message == "running" else [*faults, own.message])
+        shown = faults[:_SENTENCES] + [f"and {len(faults) - _SENTENCES} more"] * (len(faults) > _SENTENCES)
+        message = "; ".join(shown if own.message == "running" else [*shown, own.message])
         return Status(max(own.level, Status.WARN), message, {**own.values, **notes})
+
+    def idle_reason(self) -> str:
+        """Why the stage has used none of the messages that it needs, though some came; empty when it has."""
+        needed = [i.topic for i in self._inputs.values() if not i.latched and not i.optional]
+        received, used = (sum(self.counts[topic, what] for topic in needed) for what in ("received", "used"))
+        if used or not received:
+            return ""
+        waiting = f"it waits for {', '.join(self.missing)}" if self.missing else self._first_refusal
+        return f"used none of {received} messages: {waiting}"
 
     def malformed(self, topic: str, sentence: str) -> None:
         """Counts a message that could not be read."""
@@ -181,6 +192,7 @@ class Runner:
         return value
 
     def _refuse(self, count: str, topic: str, sentence: str) -> None:
+        self._first_refusal = self._first_refusal or f"{topic}: {sentence}"
         self.counts[topic, count] += 1
         self._tell(Refusal(topic, sentence))
 
@@ -188,6 +200,7 @@ class Runner:
 # Why messages are not used: refused by the stage; unreadable, in another frame or beyond physics; after later stamps
 # had been handled; with a stamp off the topic's course; held too long while a latched input was missing.
 REFUSED = ("rejected", "malformed", "late", "stray", "overflowed")
+_SENTENCES = 4  # about the inputs in one status
 _HELD = 1000  # messages kept while a latched input is missing
 
 

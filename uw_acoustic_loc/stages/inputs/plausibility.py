@@ -80,14 +80,14 @@ class _Window:
         return means
 
     def turned(self, value: Odometry) -> Array:
-        """Squares and product of the yaw's change and of what the twist says of it."""
+        """Squares and product of the yaw's rate of change and of what the twist says of it."""
         yaw = yaw_from_quat(value.quat_xyzw)
         last, self.last = self.last, (value.t_ns, yaw)
         dt = (value.t_ns - last[0]) * 1e-9 if last else 0.0
         if last is None or not 0.0 < dt < 1.0:
             return np.zeros(3)
         change, by_twist = wrap_angle(yaw - last[1]), value.angular.item(2) * dt
-        return np.array([change * change, change * by_twist, by_twist * by_twist])
+        return np.array([change * change, change * by_twist, by_twist * by_twist]) / dt**2
 
 
 def _imu_faults(topic: str, force: Array, rate: float) -> list[str]:
@@ -107,8 +107,8 @@ def _imu_faults(topic: str, force: Array, rate: float) -> list[str]:
 
 def _odometry_faults(sums: Array) -> list[str]:
     """The slope of the twist's turn over the pose's; nothing of a vehicle that hardly turns."""
-    change, product, _ = sums.tolist()
-    if change < _HARDLY:
+    change, product, by_twist = sums.tolist()
+    if change < _HARDLY or product * product < 0.5 * change * by_twist:  # or they do not belong together
         return []
     slope = product / change
     if slope < -0.5:
@@ -145,6 +145,6 @@ _SENTINELS = {
 _FASTEST = 30.0  # m/s
 _FARTHEST = 1e7  # m
 _SPINNING = 1.5  # rad/s on average of a window
-_HARDLY = 1e-7  # rad^2 per message
+_HARDLY = 0.05**2  # rad^2/s^2, a turn that tells
 _WINDOW_NS = 2_000_000_000
 _FEWEST = 10  # messages
