@@ -19,13 +19,14 @@ from .bag.simulate import simulate as _simulate
 from .config import configured
 from .core.bearing.config import BearingConfig
 from .core.bearing.estimator import BearingEstimator
-from .core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from .core.localizer.config import LocalizerConfig
+from .core.localizer.localizer import SourceLocalizer
 from .core.mooring.estimator import make_filter as mooring_filter
 from .core.mooring.model import MooringConfig
 from .core.mooring.model import step_of as mooring_step
 from .core.multistatic.bound import cramer_rao as sonar_bound
-from .core.multistatic.estimator import Net as SonarNet
 from .core.multistatic.estimator import Noise as SonarNoise
+from .core.multistatic.estimator import SonarNet
 from .core.multistatic.estimator import locate as locate_target
 from .core.slam.config import SlamConfig
 from .core.slam.filter import SourceBearing

@@ -28,6 +28,7 @@ class Input:
     optional: bool = False  # the stage does without
     upstream: int = 0  # estimators that it comes through, each of which waits for inputs of its own
     until_ns: Callable[[Any], int] | None = None  # its turn among the inputs, if a value reaches beyond its stamp
+    merge: Callable[[Any, Any], Any] | None = None  # of a latched message and the next one, where neither says all
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
 from .sim.scenario import Scenario, find_scenario
 from .stages.build import configure
 from .stages.catalog import is_stage
+from .stages.inputs.settings import InputConfig
 from .wire.codec import codec
 
 R = TypeVar("R")
@@ -38,6 +39,7 @@ class ResolvedStage(ResolvedNode):
 
     make_stage: Callable[[], Stage] = field(kw_only=True)
     lateness: float = field(kw_only=True)  # s
+    input_configs: Mapping[str, InputConfig] = field(kw_only=True)  # by the stage's own topic
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,13 @@ def resolve_stage(node: GraphNode) -> ResolvedStage:
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
     check_topics([*inputs, *outputs], where)
     return ResolvedStage(
-        node, inputs, outputs, configured.settings, make_stage=configured.make, lateness=configured.runner.lateness
+        node,
+        inputs,
+        outputs,
+        configured.settings,
+        make_stage=configured.make,
+        lateness=configured.runner.lateness,
+        input_configs=configured.inputs,
     )
 
 

@@ -71,18 +71,20 @@ class KnownTopic:
         until_ns: Callable[[Any], int] | None = None,
         optional: bool = False,
         upstream: int | None = None,
+        merge: Callable[[Any, Any], Any] | None = None,
     ) -> Input:
         """As a stage subscribes to it (see `contract.Input`); streams wait for what is latched, unless it says not."""
         return Input(
             self.named(of),
             self.kind,
             handle,
-            frame,
-            self.latched if latched is None else latched,
-            rewind,
-            optional,
-            self.upstream if upstream is None else upstream,
-            until_ns,
+            frame=frame,
+            latched=self.latched if latched is None else latched,
+            merge=merge,
+            rewind=rewind,
+            optional=optional,
+            upstream=self.upstream if upstream is None else upstream,
+            until_ns=until_ns,
         )
 
     def place(self, topic: str) -> Place | None:

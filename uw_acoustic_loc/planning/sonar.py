@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from ..core.multistatic.bound import cramer_rao, dilution, position_error
-from ..core.multistatic.estimator import Net, Noise
+from ..core.multistatic.estimator import Noise, SonarNet
 from ..core.types import Array
 from ..evaluation.plot import RED, Picture, canvas, picture, plan, style
 from ..evaluation.tables import Sheet
@@ -40,9 +40,9 @@ def maps(scenario: Scenario) -> Iterator[tuple[str, Sheet, Picture]]:
     yield "sonar", _sheet(title, targets, values, dilution(net, targets)), _picture(title, axes, values, sonar)
 
 
-def _net(sonar: Sonar) -> Net:
+def _net(sonar: Sonar) -> SonarNet:
     transmitter = np.array([sonar.transmitter.x, sonar.transmitter.y])
-    return Net(transmitter, np.array([[node.x, node.y] for node in sonar.receivers]))
+    return SonarNet(transmitter, np.array([[node.x, node.y] for node in sonar.receivers]))
 
 
 def _noise(sonar: Sonar) -> Noise:
@@ -50,7 +50,7 @@ def _noise(sonar: Sonar) -> Noise:
     return Noise(np.full(count, sonar.range_std), np.full(count, sonar.bearing_std), sonar.range_noise == "rayleigh")
 
 
-def _axes(net: Net) -> tuple[Array, Array]:
+def _axes(net: SonarNet) -> tuple[Array, Array]:
     half = MARGIN * max(float(np.hypot(*(net.receivers - net.transmitter).T).max()), 100.0)
     x, y = (np.linspace(middle - half, middle + half, POINTS) for middle in net.transmitter)
     return x, y

@@ -9,6 +9,7 @@ from typing import Any
 from ..contract import Stage
 from ..graph import check_topics
 from ..stages.build import ConfiguredStage, configure
+from ..stages.inputs.settings import PREFIX
 from ..stages.runner import Refusal, Runner
 from ..wire.codec import codec
 from .diagnostics import Diagnostics, InputWatch
@@ -30,7 +31,7 @@ class StageNode:
         self._log = self.node.get_logger()
         self._logged: dict[str, float] = {}
         lateness = self._configured.runner.lateness
-        self._runner = Runner(self._make_stage, lateness, self._log_refusal)
+        self._runner = Runner(self._make_stage, lateness, self._log_refusal, self._configured.inputs)
         self._publishers = Publishers(self.node, self._runner.stage.outputs)
         self._subscriptions = Subscriptions(self.node)
         for wanted in self._runner.stage.inputs:
@@ -62,6 +63,8 @@ class StageNode:
             raise Stop(1, str(error)) from None
         declare(self.node, configured.config)
         declare(self.node, configured.runner)
+        for topic, config in configured.inputs.items():
+            declare(self.node, config, f"{PREFIX}{topic}.")
         return configured
 
     def _make_stage(self) -> Stage:
@@ -101,7 +104,7 @@ class StageNode:
 
     def _status(self) -> Any:
         problems = self._subscriptions.problems()
-        return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts, problems)
+        return self._watch.status(self._runner.status(), self._runner.missing, self._runner.counts, problems)
 
     def _report(self) -> NodeReport:
         counts: dict[str, dict[str, int]] = {}

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..contract import Emission, Input, Output, Stage, Status
-from ..core.multistatic.estimator import Net
-from ..core.multistatic.fusion import Echoes, Fix, Fusion, MultistaticConfig, Ping
+from ..core.multistatic.estimator import SonarNet
+from ..core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, PingScan, TargetFix
 from ..core.multistatic.track import Track, Tracker
 from ..core.types import AnyArray, Array, Detections, NodePositions, Position, Tracks
 from ..topics import known
@@ -84,7 +84,7 @@ class MultistaticFusionStage(Stage):
             raise ValueError("detections came before sonar/positions")
         echoes, rejected = usable(detections, self._ids)
         fix = next(self._fusion.fixes(echoes), None)
-        tracks = self._tracker.step(detections.t_ns, Ping(self._fusion, echoes))
+        tracks = self._tracker.step(detections.t_ns, PingScan(self._fusion, echoes))
         self._count(len(echoes.range), fix is not None, rejected)
         if fix:
             yield _FIX.name, self._position(detections.t_ns, fix)
@@ -97,7 +97,7 @@ class MultistaticFusionStage(Stage):
         self._last_rejected = rejected
         self._nis_sum += sum(nis)
 
-    def _position(self, t_ns: int, fix: Fix) -> Position:
+    def _position(self, t_ns: int, fix: TargetFix) -> Position:
         cov = np.zeros((3, 3))
         cov[:2, :2], cov[2, 2] = fix.cov, -1.0
         return Position(t_ns, np.array([*fix.position, self._z]), cov, frame_id="map")
@@ -143,7 +143,7 @@ def _given(config: MultistaticConfig) -> NodePositions:
     return NodePositions(0, np.array([0, *config.receiver_ids], dtype=np.uint16), roles, x, y, z)
 
 
-def _net(nodes: NodePositions) -> tuple[Net, AnyArray, float]:
+def _net(nodes: NodePositions) -> tuple[SonarNet, AnyArray, float]:
     """The net, the receivers' ids in its order, and the transmitter's z."""
     sending, hearing = nodes.role == NodePositions.TRANSMITTER, nodes.role == NodePositions.RECEIVER
     if np.sum(sending) != 1:
@@ -154,4 +154,4 @@ def _net(nodes: NodePositions) -> tuple[Net, AnyArray, float]:
     if not np.isfinite(nodes.positions).all():
         raise ValueError("sonar/positions must be finite")
     positions = nodes.positions
-    return Net(positions[sending][0, :2], positions[hearing][:, :2]), ids, float(positions[sending][0, 2])
+    return SonarNet(positions[sending][0, :2], positions[hearing][:, :2]), ids, float(positions[sending][0, 2])

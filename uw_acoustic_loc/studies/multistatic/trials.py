@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.multistatic.bound import cramer_rao, position_error
-from ...core.multistatic.estimator import METHODS, Net, Noise, locate
+from ...core.multistatic.estimator import METHODS, Noise, SonarNet, locate
 from ...core.types import Array
 
 BIASED = "ml_range_bearing, bias left in"
@@ -31,10 +31,10 @@ class Setting:
     bearing_std: float = 0.02  # rad
 
     @property
-    def net(self) -> Net:
+    def net(self) -> SonarNet:
         """Transmitter in the middle, the first receiver due east."""
         angle = 2 * np.pi * np.arange(self.receivers) / self.receivers
-        return Net(np.zeros(2), self.distance * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        return SonarNet(np.zeros(2), self.distance * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
     @property
     def noise(self) -> Noise:
@@ -100,7 +100,7 @@ def errors(
     return MethodErrors(position_error(cramer_rao(net, targets, noise)), rmse, median)
 
 
-def _distances(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str, targets: Array) -> Array:
+def _distances(net: SonarNet, ranges: Array, bearings: Array, noise: Noise, method: str, targets: Array) -> Array:
     """(T, trials) errors in m."""
     if method in (BIASED, PRINTED):
         removed = math.sqrt(len(net.receivers) - 1) * noise.range_std[0] if method == PRINTED else 0.0

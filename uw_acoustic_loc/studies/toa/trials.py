@@ -15,7 +15,7 @@ from ...config import changed, configured
 from ...core.toa.bound import PingNoise, track_bound
 from ...core.toa.config import ToaConfig
 from ...core.toa.model import BIAS_STD
-from ...core.toa.paths import Net, make_net
+from ...core.toa.paths import ReceiverNet, make_net
 from ...core.toa.solver import cold_prior
 from ...core.toa.tracker import ToaTracker
 from ...core.types import Array, Arrivals
@@ -60,7 +60,7 @@ class Variant:
         )
 
     @property
-    def net(self) -> Net:
+    def net(self) -> ReceiverNet:
         """The buoys with the images of the paths that are heard."""
         return make_net(IDS, BUOYS, self.config.water.bottom_depth)
 

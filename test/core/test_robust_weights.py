@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
-from uw_acoustic_loc.core.toa.robust import mixture_weights, student_t_weights
+from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise, mixture_weights, student_t_weights
 
 NOISE = ImpulsiveNoise(0.5, 0.3, AlphaStable(1.8, 1.0, 10.0, -3.0))
 
