@@ -10,7 +10,7 @@ import numpy as np
 
 from ..contract import Emission, Input, Output, Stage, Status
 from ..core.multistatic.estimator import SonarNet
-from ..core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, PingScan, TargetFix
+from ..core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, PingScan, Search, TargetFix
 from ..core.multistatic.track import Track, Tracker
 from ..core.types import AnyArray, Array, Detections, NodePositions, Position, Tracks
 from ..topics import known
@@ -83,8 +83,9 @@ class MultistaticFusionStage(Stage):
         if self._fusion is None:
             raise ValueError("detections came before sonar/positions")
         echoes, rejected = usable(detections, self._ids)
-        fix = next(self._fusion.fixes(echoes), None)
-        tracks = self._tracker.step(detections.t_ns, PingScan(self._fusion, echoes))
+        search = Search(self._fusion, echoes)
+        fix = next(search.fixes(set(range(len(echoes.receiver)))), None)
+        tracks = self._tracker.step(detections.t_ns, PingScan(self._fusion, echoes, search))
         self._count(len(echoes.range), fix is not None, rejected)
         if fix:
             yield _FIX.name, self._position(detections.t_ns, fix)
