@@ -69,7 +69,7 @@ class View:
         self._variances = np.hstack([1 / single.range_weight, 1 / single.bearing_weight])
 
     def fit(self, positions: Array, covs: Array) -> tuple[Array, Array]:
-        """(S, D) normalised squared innovations, and log det of their covariances, at positions (S, 2), covs (S, 2, 2)."""
+        """At positions (S, 2), covs (S, 2, 2): normalised squared innovations (S, D), log det of their covariances."""
         dx, dy = (positions[:, k, None] - self._nodes[:, k] for k in (0, 1))
         ex, ey = (positions - self._single.transmitter).T[:, :, None]
         distance, outward = np.hypot(dx, dy) + _TINY, np.hypot(ex, ey) + _TINY

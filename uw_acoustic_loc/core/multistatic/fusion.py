@@ -23,6 +23,8 @@ class MultistaticConfig:
     range_noise: str = param(
         "rayleigh", choices=("rayleigh", "gaussian"), doc="rayleigh: echoes are late, 1.913 range_std on average"
     )
+    range_std: float = param(40.0, unit="m", low=1e-3, doc="of a range whose std is not given: 0, negative or NaN")
+    bearing_std: float = param(0.03, unit="rad", low=1e-6, doc="of a bearing whose std is not given")
     transmitter_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="used with receiver_ids")
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
