@@ -104,11 +104,6 @@ def test_a_quaternion_without_length_is_refused() -> None:
     assert sentence(t.Odometry, message(bad)) == "pose.orientation must have length 1, got 0"
 
 
-def test_a_bearing_without_variance_is_refused() -> None:
-    msg = message(t.Bearing(T_NS, 0.0, 0.0, np.zeros(3)))
-    assert "variance, must be positive, got 0.0" in sentence(t.Bearing, msg)
-
-
 def test_a_missing_column_is_named() -> None:
     msg = message(t.Particles(T_NS, **rows("Particle")))
     assert sentence(t.Arrivals, msg) == "Arrival: column 'receiver' is missing"
