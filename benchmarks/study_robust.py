@@ -22,7 +22,8 @@ import numpy as np
 from uw_acoustic_loc.config import configured
 from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise, mixture_weights, student_t_weights
-from uw_acoustic_loc.core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from uw_acoustic_loc.core.localizer.config import LocalizerConfig
+from uw_acoustic_loc.core.localizer.localizer import SourceLocalizer
 from uw_acoustic_loc.core.localizer.triangulation import Ray
 from uw_acoustic_loc.core.toa.config import ToaConfig
 from uw_acoustic_loc.core.toa.model import arrival_times, predict

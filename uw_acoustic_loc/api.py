@@ -19,7 +19,8 @@ from .bag.simulate import simulate as _simulate
 from .config import configured
 from .core.bearing.config import BearingConfig
 from .core.bearing.estimator import BearingEstimator
-from .core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from .core.localizer.config import LocalizerConfig
+from .core.localizer.localizer import SourceLocalizer
 from .core.mooring.estimator import make_filter as mooring_filter
 from .core.mooring.model import MooringConfig
 from .core.mooring.model import step_of as mooring_step

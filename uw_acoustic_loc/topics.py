@@ -49,6 +49,7 @@ class KnownTopic:
     kind: type  # the core type
     role: str = ""  # what scoring takes it for, "" = scoring does not read it
     latched: bool = False
+    upstream: int = 0  # estimators that it comes through, as a rule
     estimate_in: str = ""  # an estimate, published in the namespace of a "vehicle" or of a "net" of fixed instruments
 
     def named(self, of: str = "") -> str:
@@ -68,11 +69,23 @@ class KnownTopic:
         latched: bool | None = None,
         rewind: float = 0.0,
         until_ns: Callable[[Any], int] | None = None,
+        optional: bool = False,
+        upstream: int | None = None,
         merge: Callable[[Any, Any], Any] | None = None,
     ) -> Input:
         """As a stage subscribes to it (see `contract.Input`); streams wait for what is latched, unless it says not."""
-        held = self.latched if latched is None else latched
-        return Input(self.named(of), self.kind, handle, frame, held, rewind, until_ns, merge)
+        return Input(
+            self.named(of),
+            self.kind,
+            handle,
+            frame=frame,
+            latched=self.latched if latched is None else latched,
+            merge=merge,
+            rewind=rewind,
+            optional=optional,
+            upstream=self.upstream if upstream is None else upstream,
+            until_ns=until_ns,
+        )
 
     def place(self, topic: str) -> Place | None:
         """Where a topic with this name stands; None for a topic with another name."""
@@ -114,8 +127,8 @@ TOPICS = (
     KnownTopic("dvl/twist", BodyVelocity),
     KnownTopic("pressure", Pressure),
     KnownTopic("slam/sources/<id>/position", Position, "slam_source", estimate_in="vehicle"),
-    KnownTopic("slam/odometry", Odometry, "slam", estimate_in="vehicle"),
-    KnownTopic("sources/<id>/bearing", Bearing, "bearing", estimate_in="vehicle"),
+    KnownTopic("slam/odometry", Odometry, "slam", upstream=2, estimate_in="vehicle"),
+    KnownTopic("sources/<id>/bearing", Bearing, "bearing", upstream=1, estimate_in="vehicle"),
     KnownTopic("sources/<id>/position", Position, "source", estimate_in="vehicle"),
     KnownTopic("sources/<id>/mirror_position", Position, "mirror", estimate_in="vehicle"),
     KnownTopic("sources/<id>/particles", Particles, estimate_in="vehicle"),
@@ -132,9 +145,9 @@ TOPICS = (
     KnownTopic("sonar/fix", Position, "fix", estimate_in="net"),
     KnownTopic("sonar/tracks", Tracks, "tracks", estimate_in="net"),
     KnownTopic("mooring/<id>/offset", Point, "offset"),
-    KnownTopic("mooring/<id>/odometry", Odometry, "mooring", estimate_in="net"),
+    KnownTopic("mooring/<id>/odometry", Odometry, "mooring", upstream=1, estimate_in="net"),
     KnownTopic("observers/<id>/odometry", Odometry),
-    KnownTopic("observers/<id>/bearing", Bearing),
+    KnownTopic("observers/<id>/bearing", Bearing, upstream=1),
     KnownTopic("net/source/odometry", Odometry, "net_source", estimate_in="net"),
     # a vehicle's dead reckoning, by the shortest name of all
     KnownTopic("odometry", Odometry, "odometry"),

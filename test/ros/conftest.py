@@ -19,7 +19,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from uw_acoustic_loc.ros.orchestrator.shared_memory import SharedMemory
-from uw_acoustic_loc.ros.rclpy_messages import RosMake, message_class, qos
+from uw_acoustic_loc.ros.qos import qos
+from uw_acoustic_loc.ros.rclpy_messages import RosMake, message_class
 from uw_acoustic_loc.ros.report import NodeReport
 from uw_acoustic_loc.ros.sync import SyncClient, call
 from uw_acoustic_loc.wire.codec import codec

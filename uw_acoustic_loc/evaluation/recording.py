@@ -1,4 +1,4 @@
-"""A bag as series of core values: what each topic is, is told by its name, whatever namespace it stands in."""
+"""A bag as series of core values; a topic's role follows from its name, in any namespace."""
 
 from __future__ import annotations
 
@@ -59,23 +59,23 @@ class Recording:
 
     @property
     def spaces(self) -> list[str]:
-        """Namespaces in which a vehicle's estimators speak."""
+        """The namespaces of vehicles' estimators."""
         return sorted({series.space for series in self.series if series.role in VEHICLE_ROLES})
 
     def all(self, role: str, space: str | None = None) -> Iterator[Series]:
-        """The series of a role (in one namespace only, when given)."""
+        """Yields the series of a role (in one namespace only, when given)."""
         return (s for s in self.series if s.role == role and space in (None, s.space))
 
     def one(self, role: str, space: str | None = None, name: str | None = None) -> Series | None:
-        """The first series of a role (and namespace, and id)."""
+        """Returns the first series of a role (and namespace, and id)."""
         return next((s for s in self.all(role, space) if name in (None, s.id)), None)
 
     def source(self, name: str) -> Series | None:
-        """The true position of a source."""
+        """Returns the true position of a source."""
         return self.one("true_source", name=name)
 
     def label(self, space: str, name: str) -> str:
-        """A name in the score: as it is for the first vehicle, `vehicle/name` for the others."""
+        """Returns a name in the score: `name` itself for the first vehicle, `vehicle/name` for the others."""
         first = not self.spaces or space == self.spaces[0]
         return name if first else f"{space.strip('/')}/{name}"
 

@@ -1,4 +1,4 @@
-"""Maps of what the sonar net can tell of a target's position from one ping."""
+"""Maps of the accuracy with which the sonar net can position a target from one ping."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KM = 1e-3
 
 
 def maps(scenario: Scenario) -> Iterator[tuple[str, Sheet, Picture]]:
-    """One map; its sheet has the same numbers.
+    """Yields one map; its sheet has the same numbers.
 
     Raises:
         ValueError: the scenario has no receivers.
@@ -92,10 +92,10 @@ def _map(panel: Any, axes: tuple[Array, Array], value: Array, sonar: Sonar, norm
 
 def _caption(sonar: Sonar) -> str:
     return (
-        "Cramer-Rao bound of the horizontal position error (root of the trace) when every receiver hears the echo. "
+        "Cramer-Rao bound of the horizontal position error (root of the trace) when every receiver detects the echo. "
         "Star: transmitter, triangles: receivers; "
         f"range sums {sonar.range_std:g} m, bearings {sonar.bearing_std:g} rad. "
-        "Colours span a factor of 30 from the best value; white: not determined. How far an echo is heard, and what "
+        "Colours span a factor of 30 from the best value; white: not determined. How far an echo is detected, and what "
         "the direct blast masks, is not part of it. The dilution of precision in the file is metres of error per metre "
         "of range-sum error, ranges alone."
     )

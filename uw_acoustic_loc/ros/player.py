@@ -16,14 +16,16 @@ from pathlib import Path
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from ..bag.reader import Bag, Record
 from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
 from .endpoints import Peers
-from .parameters import declare, given_parameters
-from .rclpy_messages import clock_message, message_class, qos
+from .parameters import declare, given_parameters, make_node
+from .qos import PUBLISHER, STREAM_DEPTH, overridable, qos
+from .rclpy_messages import clock_message, message_class
 from .report import Deliveries, NodeReport, Reports, unmatched, unreached
 from .spin import Stop
 from .sync import SyncClient, SyncService
@@ -38,6 +40,7 @@ class PlayerConfig:
     bag: str = param(doc="rosbag2 folder or .mcap file")
     rate: float = param(1.0, unit="x real time", low=0.0, high=1000.0, doc="0 = as fast as the consumers go")
     topics: tuple[str, ...] = param((), doc="topics to play; empty = all")
+    latched: tuple[str, ...] = param((), doc="topics that consumers want latched, whatever the bag says of them")
     remap: tuple[str, ...] = param((), doc="'theirs ours' pairs: topics of the bag that go by another name")
     consumers: tuple[str, ...] = param((), doc="full names of nodes of this package to wait for")
     window: float = param(0.25, unit="s", low=0.0, doc="of the bag, after which all consumers must have caught up")
@@ -48,7 +51,7 @@ class PlayerNode:
     """Plays once, then exits with code 0; with code 1 and a sentence when consumers do not follow."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        self.node = make_node(executable)
         try:
             where = f"node {self.node.get_fully_qualified_name()}"
             self._config = build(PlayerConfig, given_parameters(self.node), where)
@@ -65,7 +68,8 @@ class PlayerNode:
             topic.name: self.node.create_publisher(
                 message_class(topic.msgtype),
                 topic.name,
-                qos(topic.latched),  # as deep as the readers
+                _offered(topic.latched or topic.name in self._config.latched),
+                qos_overriding_options=overridable(self.node, topic.name, PUBLISHER),
             )
             for topic in self._bag.topics.values()
             if not self._config.topics or topic.name in self._config.topics
@@ -135,6 +139,13 @@ class PlayerNode:
 
     def _outstanding(self, reports: Reports) -> list[str]:
         return self._deliveries.outstanding(reports, self._sent)
+
+
+def _offered(latched: bool) -> QoSProfile:
+    """As deep as the readers: a window may hold many messages of a latched topic."""
+    profile = qos(latched)
+    profile.depth = STREAM_DEPTH
+    return profile
 
 
 def _windows(records: Iterator[Record], window_ns: int) -> Iterator[list[Record]]:

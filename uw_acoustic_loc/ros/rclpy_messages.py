@@ -1,4 +1,4 @@
-"""rclpy's message classes behind the same `Make` that the offline run uses, what goes over DDS, and QoS profiles."""
+"""rclpy's message classes behind the same `Make` that the offline run uses, and what goes over DDS."""
 
 from __future__ import annotations
 
@@ -7,18 +7,10 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-from rclpy.duration import Infinite
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
-from ..contract import Output
 from ..wire.codec import codec
-from ..wire.record import RECORD
-
-# So many messages may a subscriber fall behind before it loses any: in its own queue while it is busy, and in the
-# publisher's while its process is held up. 10 s of an IMU at 100 Hz, and of a record, which may be long, 100 messages.
-_DEPTH, _RECORDS = 1000, 100
 
 
 @cache
@@ -48,11 +40,11 @@ class RosMake:
     def __call__(self, msgtype: str, **fields: Any) -> Any:
         return message_class(msgtype)(**fields)
 
-    def octets(self, data: bytes) -> array[int]:
+    def uint8_array(self, data: bytes) -> array[int]:
         """An array of bytes: the only form that rclpy's setter takes without looking at every element."""
-        octets = array("B")
-        octets.frombytes(data)
-        return octets
+        values = array("B")
+        values.frombytes(data)
+        return values
 
 
 _MAKE = RosMake()
@@ -77,22 +69,3 @@ def _deserialized(data: bytes, msgtype: str) -> Any:
         return deserialize_message(data, message_class(msgtype))
     except Exception as error:  # rclpy's, whichever it is: the bytes came from outside
         raise ValueError(f"{msgtype}: {len(data)} bytes cannot be decoded ({error})") from None
-
-
-def publisher_qos(output: Output) -> QoSProfile:
-    """Of an output."""
-    return qos(output.latched, _RECORDS if codec(output.kind).msgtype == RECORD else _DEPTH)
-
-
-def qos(latched: bool, depth: int = _DEPTH) -> QoSProfile:
-    """Reliable; latched topics keep their last value for whoever comes later. Every policy is named, none left open."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=1 if latched else depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        deadline=Infinite,
-        lifespan=Infinite,
-        liveliness=LivelinessPolicy.AUTOMATIC,
-        liveliness_lease_duration=Infinite,
-    )

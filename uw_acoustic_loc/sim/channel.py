@@ -18,7 +18,7 @@ _BATCH = 2**15  # samples that are worked out at once: they fit the processor's 
 
 
 @dataclass(frozen=True)
-class Ping:
+class EmittedPulse:
     """A pulse as it leaves the source."""
 
     emission: float  # s
@@ -37,7 +37,7 @@ class Paths:
 
 
 class Knots:
-    """The instants of a frame between which a path is taken as straight.
+    """The instants of a frame between which the distance to a source is interpolated linearly.
 
     The age of a sound is thereby in error by at most h^2 / 8 |r''| / c (0.07 ns at 20 m/s and 5 m from the source),
     and by h / 4 |dv| / c while the velocity jumps by dv (0.9 ns at the start of a turn of 0.19 rad/s, 0.3 m off the
@@ -51,7 +51,7 @@ class Knots:
         self._share = np.arange(self.step) / self.step
 
     def between(self, values: Array) -> Array:
-        """(..., (n - 1) step) samples from neighbouring knots' values (..., n), the last knot's own left out."""
+        """Interpolates values (..., n) at knots to (..., (n - 1) step) samples, without the last knot's own."""
         steps = values[..., :-1, None] + np.diff(values)[..., None] * self._share
         return np.asarray(steps.reshape(*values.shape[:-1], -1))
 
@@ -74,7 +74,7 @@ class Reception:
         """Bounds of the shortest and the longest distance of any path, m."""
         return float(self._middle.min()) - self._slack, float(self._middle.max()) + self._slack
 
-    def add(self, ping: Ping, pressure: AnyArray) -> None:
+    def add(self, ping: EmittedPulse, pressure: AnyArray) -> None:
         """Adds a ping over all paths to the pressure (2, N)."""
         knots, slack = self._knots, self._slack / ping.sound_speed
         count = math.ceil((ping.length + 2 * slack) / knots.interval) + 2  # intervals in which a path may be heard
@@ -88,7 +88,7 @@ class Reception:
                 sound = self._sound(ping, channel, some, first[some, None] + np.arange(count + 1))
                 _overlay(pressure[channel], sound, first[some] * knots.step)
 
-    def _sound(self, ping: Ping, channel: int, paths: Indices, knots: Indices) -> Array:
+    def _sound(self, ping: EmittedPulse, channel: int, paths: Indices, knots: Indices) -> Array:
         """(n, N) pressure of paths (n,) between knots (n, k); it means nothing beyond the frame."""
         knots = np.clip(knots, 0, self._knots.times.size - 1)
         sources = self._paths.sources[:, paths]
@@ -98,7 +98,7 @@ class Reception:
         return self._knots.between(level) * ping.wave(self._knots.between(age))
 
     def _level(self, distance: Array, gain: Array) -> Array:
-        """Spherical spreading from 1 m on (no more than the level there), and absorption."""
+        """Applies absorption, and spherical spreading from 1 m on; nearer than 1 m the level stays that at 1 m."""
         lost = np.exp((-math.log(10.0) / 20.0 * self._paths.absorption) * distance)
         return np.asarray(gain * lost / np.maximum(distance, 1.0))
 

@@ -34,7 +34,7 @@ class BearingStage(Stage):
     def inputs(self) -> tuple[Input, ...]:
         return (
             _INFO.input(self._on_info, frame="hydrophone_array"),
-            _ODOMETRY.input(self._on_odometry),
+            _ODOMETRY.input(self._on_odometry, optional=True),
             _SAMPLES.input(self._on_samples, frame="hydrophone_array", until_ns=self._end_ns),
         )
 

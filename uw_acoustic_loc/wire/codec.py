@@ -47,7 +47,7 @@ class Codec:
         """A core value from CDR bytes; `deserialize(data, msgtype)` makes the message where one is needed.
 
         Raises:
-            ValueError: the bytes are no such message, or it says what cannot be.
+            ValueError: the bytes are no such message, or its content is impossible.
         """
         value = self.cdr.unpack(data) if self.cdr else None
         return self.decode(deserialize(data, self.msgtype), received_ns) if value is None else value

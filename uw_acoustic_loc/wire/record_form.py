@@ -32,22 +32,22 @@ class RecordForm:
         return layout(self.name, self.folder)
 
     def encode(self, make: Make, value: Any) -> Any:
-        """The message."""
+        """Builds the message of a core value."""
         return record_to(make, self._plan, value)
 
     def decode(self, msg: Any, _received_ns: int = 0) -> Any:
-        """From a message."""
+        """Returns the core value of a message."""
         return record_from(self._plan, self.kind, msg, self.single)
 
     def pack(self, value: Any) -> bytes:
-        """CDR bytes."""
+        """Returns the CDR bytes of a core value."""
         rows = rows_of(self._plan, value)
         begin = STAMP.pack(LITTLE_ENDIAN, *divmod(value.t_ns, SECOND)) + _begin(value.frame_id)
         sizes = _SIZES.pack(rows.nbytes, rows.nbytes)
         return b"".join((begin, LENGTH.pack(len(rows)), _middle(rows.dtype), sizes, rows.tobytes(), _DENSE))
 
     def unpack(self, data: bytes) -> Any:
-        """From CDR bytes; None when they have another layout than `pack` gives, so that a general decoder must look."""
+        """Reads CDR bytes; returns None when their layout is not that of `pack`: a general decoder must read them."""
         try:
             found = self._unpacked(data)
         except (struct.error, UnicodeDecodeError):
@@ -55,10 +55,10 @@ class RecordForm:
         if found is None:
             return None
         t_ns, frame_id, rows = found
-        return value_of(self._plan, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
+        return value_of(self._plan, self.kind, t_ns, frame_id, rows, self.single)
 
     def _unpacked(self, data: bytes) -> tuple[int, str, Any] | None:
-        """Stamp, frame and rows."""
+        """Returns stamp in ns, frame and structured rows."""
         encapsulation, sec, nanosec = STAMP.unpack_from(data)
         (length,) = LENGTH.unpack_from(data, STAMP.size)
         at = STAMP.size + LENGTH.size
@@ -71,12 +71,12 @@ class RecordForm:
         for row in row_types(self._plan):
             if data.startswith(_middle(row), at):
                 rows = _rows(data, at + len(_middle(row)), count, row)
-                return None if rows is None else (sec * SECOND + nanosec, frame_id, rows)
+                return None if rows is None else (checked_stamp(sec, nanosec), frame_id, rows)
         return None
 
 
 def _rows(data: bytes, at: int, count: int, row: np.dtype[Any]) -> Any:
-    """(count,) structured, behind the sizes; None when these are others."""
+    """Returns the structured rows (count,) behind the two sizes; None when the sizes do not fit."""
     size = count * row.itemsize
     if _SIZES.unpack_from(data, at) != (size, size) or len(data) != at + _SIZES.size + size + len(_DENSE):
         return None
@@ -85,7 +85,7 @@ def _rows(data: bytes, at: int, count: int, row: np.dtype[Any]) -> Any:
 
 @lru_cache(maxsize=256)
 def _begin(frame_id: str) -> bytes:
-    """From the frame to the height."""
+    """Returns the CDR bytes from the frame to the height."""
     return aligned_string(frame_id) + LENGTH.pack(1)
 
 

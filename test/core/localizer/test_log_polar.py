@@ -86,9 +86,15 @@ def test_moments_of_a_mixture_are_those_of_draws():
         off = rng.multivariate_normal(np.zeros(2), as_cov(float(g[k]), complex(q[k])), round(weight[k] * n))
         draws.append(line[k] * np.exp(off @ np.array([1, 1j])))
     points = np.concatenate(draws)
-    fix = cartesian(Mixture(weight, line, g, q))
+    fix = cartesian(Mixture(weight, line, g, q), [0j, 0j], 0j)
     np.testing.assert_allclose(fix.mean, [points.real.mean(), points.imag.mean()], atol=0.1)
     np.testing.assert_allclose(fix.cov, np.cov(points.real, points.imag), atol=0.7)
+    apart = np.array([5 - 2j, -30 + 1j])  # seen from two places
+    moved = cartesian(Mixture(weight, line, g, q), apart.tolist(), 1 + 1j)
+    points += np.repeat(apart, [draw.size for draw in draws])
+    np.testing.assert_allclose(moved.mean, [1 + points.real.mean(), 1 + points.imag.mean()], atol=0.1)
+    np.testing.assert_allclose(moved.cov, np.cov(points.real, points.imag), atol=1.0)
+    points -= np.repeat(apart, [draw.size for draw in draws])
     mean, variance = bearing_moments(Mixture(weight, line, g, q))
     around = np.angle(points * -1)  # the seam lies opposite
     assert math.remainder(mean - math.pi, 2 * math.pi) == pytest.approx(around.mean(), abs=3e-3)

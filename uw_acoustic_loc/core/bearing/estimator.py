@@ -11,7 +11,7 @@ from ..geometry import wrap_angle
 from ..types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
 from .array_motion import ArrayMotion
 from .config import BearingConfig
-from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance
+from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance, lobe_width
 from .hydrophone_health import HydrophoneHealth
 from .listener import Heard, Listener, check_frame, check_info
 
@@ -121,11 +121,12 @@ class BearingEstimator:
         c = self._config
         if c.filter == "none":
             return LastPeak()
+        lobe = lobe_width(self._info.spacing, self._sound_speed, sum(c.bands[source]) / 2)
         if c.filter == "histogram":
-            return HistogramFilter(self._info.spacing, self._sound_speed)
+            return HistogramFilter(self._info.spacing, self._sound_speed, lobe)
         rng = np.random.default_rng([c.seed, source, side + 1])
         ranges = (c.source.range_min, c.source.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng)
+        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe)
 
     def _successor(self, source: int, side: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
@@ -146,7 +147,7 @@ class BearingEstimator:
         track.tdoa_std = c.noise.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
         likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.noise.height_std, self._max_lag)
         track.pings += 1
-        track.clipped += bool(abs(ping.correlation.tdoas[0]) > self._max_lag)
+        track.clipped += bool(abs(ping.correlation.tdoas[0]) >= self._max_lag)
         track.snr_db = ping.snr_db
         middle_ns = ping.t_ns + round(0.5e9 * c.detection.pulse_length)
         self._predict(track, middle_ns)

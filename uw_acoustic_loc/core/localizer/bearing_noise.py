@@ -61,6 +61,12 @@ def believed(noise: str, error: Any, S: Any, counted: Any) -> Belief:
     return Belief(1.0, -0.5 * (counted_nis + log(counted)))
 
 
+def log_any_direction(noise: str) -> float:
+    """Log-likelihood of a bearing that may come from anywhere, to the constant of `believed`."""
+    constant = {"mixture": 0.0, "student_t": math.log(3 / 8)}.get(noise, -0.5 * math.log(2 * math.pi))
+    return -math.log(2 * math.pi) - constant
+
+
 def draw_errors(noise: str, std: float, n: int, rng: np.random.Generator) -> Array:
     """(n,) bearing errors in rad with the density of `log_likelihood`."""
     if noise == "uniform":

@@ -8,6 +8,7 @@ described by g = E |d zeta|^2, the sum of the variances of log range and bearing
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -71,25 +72,36 @@ def bearing_moments(mixture: Mixture) -> tuple[float, float]:
     centre = line[max(range(len(weight)), key=weight.__getitem__)]
     spread = [cmath.phase(p * centre.conjugate()) for p in line]
     mean = sum(w * off for w, off in zip(weight, spread, strict=True))
-    variances = [(a - b.real) / 2 for a, b in zip(g, q, strict=True)]
+    variances = [min((a - b.real) / 2, ANY_DIRECTION) for a, b in zip(g, q, strict=True)]
     within = zip(weight, spread, variances, strict=True)
     return cmath.phase(centre) + mean, sum(w * (variance + (off - mean) ** 2) for w, off, variance in within)
 
 
-def cartesian(mixture: Mixture, observer: complex = 0j) -> PlanarFix:
+def cartesian(mixture: Mixture, offset: Sequence[complex], observer: complex) -> PlanarFix:
     """Mean and covariance in x and y, exact for Gaussian zeta: E exp(a zeta).
 
-    The members are few, so plain numbers are faster than arrays.
+    `offset` is how far from the observer each member is seen from. The members are few, so plain numbers are faster
+    than arrays.
     """
     mean = square = length = 0j
-    for w, p, a, b in zip(*mixture, strict=True):
-        mean += w * p * _bounded_exp(b / 2)
-        square += w * p * p * _bounded_exp(2 * b)
-        length += w * p * p.conjugate() * _bounded_exp(complex(a + b.real))
+    for w, p, a, b, d in zip(*mixture, offset, strict=True):
+        first = w * p * _bounded_exp(b / 2)
+        mean += first + w * d
+        square += w * p * p * _bounded_exp(2 * b) + d * (2 * first + w * d)
+        length += w * p * p.conjugate() * _bounded_exp(complex(a + b.real)) + d.conjugate() * (2 * first + w * d)
     square -= mean * mean
     total, apart = length.real - mean.real**2 - mean.imag**2, square.real
     cov = np.array(((total + apart, square.imag), (square.imag, total - apart))) / 2
     return PlanarFix(np.array((observer.real + mean.real, observer.imag + mean.imag)), cov)
+
+
+def times_too_near(g: Numbers, q: Numbers) -> Numbers:
+    """How many times too near the observer is for the error of the range to be small against the range.
+
+    The error in metres is what it is, wherever the observer goes. Seen from so near that it is as large as the range it
+    is not normal in log-polar coordinates, and a linearised correction would be wrong by any amount.
+    """
+    return ((g + q.real) / (2 * LARGEST_VARIANCE)) ** 0.5
 
 
 def _phase(number: Numbers) -> Numbers:
@@ -105,4 +117,6 @@ def _bounded_exp(exponent: complex) -> complex:
     return cmath.exp(complex(min(exponent.real, _LARGEST), exponent.imag))
 
 
+LARGEST_VARIANCE = 0.25  # of the log range
+ANY_DIRECTION = math.pi**2 / 3  # rad^2, of a bearing of which nothing is known
 _LARGEST = 300.0  # nothing is known of such a position, and its square is still a number

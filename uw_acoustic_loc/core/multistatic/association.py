@@ -21,7 +21,7 @@ class Grouping:
     """
 
     def __init__(self, single: Likelihood, receiver: AnyArray, gate: float) -> None:
-        """`single` has a row per detection and one column; `receiver` (D,) tells which rows exclude each other."""
+        """`single` has a row per detection and one column; rows of one `receiver` (D,) exclude each other."""
         self._receiver = receiver
         self._limit = chi_square_limit(gate, 2)
         self._view = View(single, receiver)

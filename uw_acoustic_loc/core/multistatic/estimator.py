@@ -10,7 +10,7 @@ whose standard deviation is range_std. Its scale is range_std / sqrt(2 - pi/2); 
 Methods: `ls`, pseudo-inverse of the linearised circles (eq. 1-4); `ml_range`, Taylor iteration on range sums (eq. 5-16;
 bearings only choose where it starts); `ml_range_bearing`, both stacked (eq. 23-25); `ml_exact`, the Rayleigh and
 Gaussian likelihood itself: its mean and covariance, because the mode of a skewed likelihood is biased. Equation numbers
-are those of the comparison of LS, ML_dist and ML_proposed in docs/multistatic.md.
+are those of the comparison of LS, ML_dist and ML_proposed in docs/multistatic_fusion.md.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...config import param
-from ..localizer.localizer import check_ranges, check_source_ids
+from ..localizer.config import check_ranges, check_source_ids
 
 
 @dataclass(frozen=True)

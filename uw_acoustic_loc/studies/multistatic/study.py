@@ -20,15 +20,15 @@ SECTIONS = {"noise": trials.NOISES, "receivers": trials.BY_COUNT, "distance": tr
 Found = Mapping[Setting, MethodErrors]
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     settings = list(dict.fromkeys(setting for section in SECTIONS.values() for setting in section))
     found: dict[Setting, MethodErrors] = {}
     for setting in settings:
         methods = (*METHODS, BIASED, PRINTED) if setting in trials.BY_COUNT else METHODS
         found[setting] = trials.errors(setting, trials.grid(), runs, seed, methods)
-        tell(0.9 * sum(s.receivers for s in found) / sum(s.receivers for s in settings))
-    placed = _placements(runs, seed, lambda share: tell(0.9 + 0.1 * share))
+        progress(0.9 * sum(s.receivers for s in found) / sum(s.receivers for s in settings))
+    placed = _placements(runs, seed, lambda share: progress(0.9 + 0.1 * share))
     numbers = {name: [_row(setting, found[setting]) for setting in part] for name, part in SECTIONS.items()}
     return Outcome(numbers, dict(_sheets(found, placed)), _TEXT.format(runs=runs, seed=seed))
 
@@ -40,12 +40,12 @@ def pictures(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Pictu
     return draw(numbers, seed)
 
 
-def _placements(runs: int, seed: int, tell: Callable[[float], None]) -> dict[Setting, MethodErrors]:
+def _placements(runs: int, seed: int, progress: Callable[[float], None]) -> dict[Setting, MethodErrors]:
     """ml_range_bearing alone, for every number of receivers and every distance, at every fifth row and column."""
     found, targets = {}, trials.square(trials.grid_axis()[2::5])
     for k, setting in enumerate(trials.PLACEMENTS):
         found[setting] = trials.errors(setting, targets, runs, seed, ("ml_range_bearing",))
-        tell((k + 1) / len(trials.PLACEMENTS))
+        progress((k + 1) / len(trials.PLACEMENTS))
     return found
 
 

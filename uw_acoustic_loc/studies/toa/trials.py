@@ -107,7 +107,7 @@ def arrivals(variant: Variant, states: Array, rng: np.random.Generator) -> list[
     return [Arrivals(round((1 + k * DT) * 1e9), receiver, path, heard, same, same) for k, heard in enumerate(time)]
 
 
-def trial(variant: Variant, runs: int, seed: int, tell: Callable[[float], None]) -> Result:
+def trial(variant: Variant, runs: int, seed: int, progress: Callable[[float], None]) -> Result:
     """The node's own tracker on every run. The random numbers of truth and start are the same for all variants."""
     truth = truths(runs, seed)
     mean, cov = np.full(truth.shape, np.nan), np.full((*truth.shape, 7), np.nan)
@@ -116,7 +116,7 @@ def trial(variant: Variant, runs: int, seed: int, tell: Callable[[float], None])
         for k, heard in enumerate(_heard(variant, states, run, seed)):
             if estimate := tracker.update(heard):
                 mean[run, k], cov[run, k] = estimate.mean, estimate.cov
-        tell((run + 1) / runs)
+        progress((run + 1) / runs)
     return Result(truth, mean, cov, bound(variant, truth))
 
 
