@@ -44,7 +44,8 @@ class Meeting:
     """Where lines meet, how that moves with errors of the BIASES (2, 3), and how well they meet.
 
     `cost` is what is left of the sum of squared residuals when the biases may err as they do, and `biases` (3,) and
-    `bias_cov` (3, 3) what they then are; `fits` and `sharp` say that the lines agree, and meet, without that.
+    `bias_cov` (3, 3) what they then are, from the lines' `information` (3, 3) and its `pull` (3,) at the prior; `fits`
+    and `sharp` say that the lines agree, and meet, without that.
     """
 
     fix: PlanarFix
@@ -52,6 +53,8 @@ class Meeting:
     cost: float
     biases: Array
     bias_cov: Array
+    information: Array
+    pull: Array
     fits: bool
     sharp: bool
 
@@ -82,9 +85,9 @@ class Lines:
     def _held(self) -> _Columns:
         return _Columns(*self._rows[: self._count].T)
 
-    def add(self, raw: Pose, offset: Array, bearing: float, variance: float) -> None:
-        """Takes a bearing in the vehicle's frame, and forgets what is older than the biases can be trusted."""
-        old = int(np.searchsorted(self._held.time, raw.time - _MEMORY))
+    def add(self, raw: Pose, offset: Array, bearing: float, variance: float, memory: float = math.inf) -> None:
+        """Takes a bearing in the vehicle's frame, and forgets what is older than `memory` in s."""
+        old = int(np.searchsorted(self._held.time, raw.time - memory))
         self._rows[: self._count - old] = self._rows[old : self._count].copy()
         self._count -= old
         if self._count == _CAPACITY:
@@ -123,7 +126,7 @@ class Lines:
         cov = np.linalg.solve(np.eye(3) + prior_cov @ information, prior_cov)
         cost = float(error @ (error / variances) - pull @ cov @ pull)
         sharp = fitting and meet(fix, origins, bearings)
-        return Meeting(fix, by_bias, cost, prior - cov @ pull, cov, fitting, sharp)
+        return Meeting(fix, by_bias, cost, prior - cov @ pull, cov, information, pull, fitting, sharp)
 
     def _origins(self, raw: Pose, pose: Pose, biases: Array, turned: Array) -> tuple[Array, Array]:
         """Where the lines were heard (n, 2), and how that moves with errors of the biases (n, 2, 3).
@@ -145,8 +148,8 @@ class Lines:
 class Landmark:
     """One pinger of the map.
 
-    Its lines wait outside the state until they meet at a range known to 7 % of itself, all of them linearised at
-    that point, and until one side of the array is decisively likelier. A single start at some range, or one with a
+    Its lines wait outside the state until they meet at a range known to `start_share` of itself, all of them linearised
+    at that point, and until one side of the array is decisively likelier. A single start at some range, or one with a
     large variance (Choi et al. 2016, 3.2), is linearised where the pinger is not and makes the filter overconfident.
     """
 
@@ -173,7 +176,7 @@ class Landmark:
             return
         self._sides = self._sides or [Lines() for _ in images]
         for lines, image in zip(self._sides, images, strict=True):
-            lines.add(raw, offset, image, std**2 / share)
+            lines.add(raw, offset, image, std**2 / share, config.start_memory)
         self.used += 1
         if self.used % _EVERY == 0:
             self._try_to_start(config, raw)
@@ -223,12 +226,18 @@ class Landmark:
             return
         dx, dy = best.fix.mean - (pose.x, pose.y)
         distance = math.hypot(dx, dy)
-        spread = np.trace(best.fix.cov + best.by_bias @ bias_cov @ best.by_bias.T)
-        if config.range_min <= distance <= config.range_max and spread < (_KNOWN * distance) ** 2:
+        if not config.range_min <= distance <= config.range_max:
+            return
+        alone, together = (
+            np.trace(best.fix.cov + best.by_bias @ C @ best.by_bias.T) for C in (bias_cov, best.bias_cov)
+        )
+        if min(alone, together) < (config.start_share * distance) ** 2:
             J = np.zeros((2, SIZE))
             J[0, 0] = J[1, 1] = 1.0
             J[:, YAW], J[:, BIASES] = (-dy, dx), best.by_bias
             self.slot, self._sides = self._joint.add(best.fix, J), []
+            if alone >= (config.start_share * distance) ** 2:  # known only with what the lines say of the biases
+                self._joint.learn(BIASES, best.information, best.pull)
 
 
 def images_of(bearing: float, config: SlamConfig) -> list[float]:
@@ -257,8 +266,6 @@ def _sum_to_end(steps: Array) -> Array:
 
 BIASES = [YAW_BIAS, LOG_BIAS.start, LOG_BIAS.start + 1]  # those that bend and stretch a level track
 _CAPACITY = 400  # lines
-_MEMORY = 100.0  # s
 _EVERY = 5  # bearings
 _TURN = 0.7  # rad; on a straight track the mirror image fits as well, and what the gyro drifts looks like evidence
-_KNOWN = 0.07
 _FREEDOM = 4.0
