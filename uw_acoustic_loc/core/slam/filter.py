@@ -14,7 +14,8 @@ from .config import SlamConfig
 from .gap import bridge
 from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, YAW, moved
 from .joint import Joint
-from .landmark import Landmark, Pose, images_of
+from .landmark import Landmark, images_of
+from .lines import Pose
 from .relocation import Relocation, Sighting, place
 from .velocity_log import VelocityLog
 
@@ -160,8 +161,9 @@ class Slam:
     def _lose(self, reason: str) -> None:
         """From now on the pose is looked for; what is still known of it, with doubt, is the prior."""
         pose = [0, 1, YAW]
-        prior = self.joint.mean[pose], self.joint.cov[np.ix_(pose, pose)]
-        self.relocation = Relocation(reason, prior, self._raw.time)
+        self.relocation = Relocation(
+            reason, (self.joint.mean[pose], self.joint.cov[np.ix_(pose, pose)]), self._raw.time
+        )
         for pinger in self.pingers.values():
             pinger.drop_lines()
             pinger.unused_in_a_row = 0
