@@ -89,7 +89,8 @@ class Landmark:
         found = [side.meeting(raw, pose, biases, biases, bias_cov) for side in self._sides]
         best = _decided([m for m in found if m is not None], len(found), config.mirror_probability)
         self.both_sides = self.both_sides and best is None
-        if best is not None and not best.fits:
+        bent = best is not None and abs(best.biases[0] - biases[0]) * self._sides[0].age > _BEARABLE
+        if best is not None and (bent or not best.fits):
             there = self._sides[found.index(best)].meeting(raw, pose, best.biases, biases, bias_cov)
             if there is not None and there.sharp:
                 self.lines_bias = Estimate(there.biases.item(0), there.bias_cov.item(0, 0))
@@ -102,7 +103,7 @@ class Landmark:
         alone, together = (
             np.trace(best.fix.cov + best.by_bias @ C @ best.by_bias.T) for C in (bias_cov, best.bias_cov)
         )
-        if min(alone, together) < (config.start_share * distance) ** 2:
+        if min(alone, math.inf if bent else together) < (config.start_share * distance) ** 2:
             J = np.zeros((2, SIZE))
             J[0, 0] = J[1, 1] = 1.0
             J[:, YAW], J[:, BIASES] = (-dy, dx), best.by_bias
@@ -126,4 +127,5 @@ def _decided(found: list[Meeting], sides: int, least: float) -> Meeting | None:
 
 _EVERY = 5  # bearings
 _TURN = 0.7  # rad; on a straight track the mirror image fits as well, and what the gyro drifts looks like evidence
+_BEARABLE = 0.05  # rad of yaw that the lines bend the track; beyond, they are drawn and started in another pass
 _FREEDOM = 4.0

@@ -99,6 +99,11 @@ class Lines:
         """How far the vehicle has turned to and fro while the lines were heard."""
         return float(np.ptp(self._held.yaw))
 
+    @property
+    def age(self) -> float:
+        """Time in s from the first to the last line."""
+        return float(np.ptp(self._held.time))
+
     def meeting(self, raw: Pose, pose: Pose, biases: Array, prior: Array, prior_cov: Array) -> Meeting | None:
         """In the frame of `pose`, the estimate of where the raw track has come to; drawn with `biases`.
 
