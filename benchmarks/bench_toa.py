@@ -62,7 +62,7 @@ def ours(start: np.ndarray) -> Step:
         nonlocal mean, cov
         mean, cov = predict(mean, cov, DT, CONFIG)
         expected, H = arrival_times(mean, IMAGES)
-        found = absorb(cov, times - expected, H, R, CONFIG.gate_sigma)
+        found = absorb(cov, times - expected, H, R, CONFIG.arrivals.gate_sigma)
         mean, cov = mean + found.change, found.cov
         return mean
 
@@ -74,7 +74,7 @@ def with_filterpy(start: np.ndarray) -> Step:
 
     kalman = ExtendedKalmanFilter(7, len(IMAGES))
     kalman.x, kalman.P = start.copy(), PRIOR.copy()
-    kalman.F, kalman.Q, kalman.R = motion(DT), process_noise(DT, CONFIG), STD**2 * np.eye(len(IMAGES))
+    kalman.F, kalman.Q, kalman.R = motion(DT), process_noise(DT, CONFIG.process), STD**2 * np.eye(len(IMAGES))
 
     def step(times: np.ndarray) -> np.ndarray:
         kalman.predict()
@@ -107,7 +107,7 @@ def with_stonesoup(start: np.ndarray) -> Step:
 
     now, second = datetime.datetime(2020, 1, 1, tzinfo=datetime.UTC), datetime.timedelta(seconds=DT)
     model = LinearGaussianTimeInvariantTransitionModel(
-        transition_matrix=motion(DT), covariance_matrix=process_noise(DT, CONFIG)
+        transition_matrix=motion(DT), covariance_matrix=process_noise(DT, CONFIG.process)
     )
     sensor = Toa(ndim_state=7, mapping=(0, 1, 2, 6), noise_covar=STD**2 * np.eye(len(IMAGES)))
     predictor, updater = KalmanPredictor(model), ExtendedKalmanUpdater(sensor)

@@ -19,15 +19,16 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import numpy as np
 
+from uw_acoustic_loc.config import configured
 from uw_acoustic_loc.core.geometry import wrap_angle
-from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
+from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise, mixture_weights, student_t_weights
 from uw_acoustic_loc.core.localizer.config import LocalizerConfig
 from uw_acoustic_loc.core.localizer.localizer import SourceLocalizer
 from uw_acoustic_loc.core.localizer.triangulation import Ray
+from uw_acoustic_loc.core.toa.config import ToaConfig
 from uw_acoustic_loc.core.toa.model import arrival_times, predict
 from uw_acoustic_loc.core.toa.paths import make_net
-from uw_acoustic_loc.core.toa.robust import mixture_weights, student_t_weights
-from uw_acoustic_loc.core.toa.tracker import ToaConfig, ToaTracker
+from uw_acoustic_loc.core.toa.tracker import ToaTracker
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 40
@@ -86,7 +87,7 @@ def toa_run(weigh: Weigh | str, noise: ImpulsiveNoise, seed: int) -> tuple[Array
     own |= {"impulse_location": noise.impulse.location}
     gate = own if isinstance(weigh, str) else {"gate_sigma": WIDE_OPEN, "lost_epochs": 10_000}
     known = {"initial_position": start, "initial_position_std": (2.0, 2.0, 2.0), "initial_velocity": (0.0, 1.5, 0.0)}
-    config = ToaConfig(cold_start=False, start_epochs=1, **known, **gate)  # type: ignore[arg-type]
+    config = configured(ToaConfig, cold_start=False, start_epochs=1, **known, **gate)  # type: ignore[arg-type]
     tracker, estimate, errors, nees = ToaTracker(config, net), None, [], []
     receiver, path = np.arange(5, dtype=np.uint16), np.full(5, Arrivals.DIRECT, np.uint8)
     for k in range(EPOCHS):
@@ -111,8 +112,8 @@ def toa_run(weigh: Weigh | str, noise: ImpulsiveNoise, seed: int) -> tuple[Array
 
 def _predicted(config: ToaConfig, estimate: object) -> tuple[Array, Array]:
     if estimate is None:
-        std = [*config.initial_position_std, *config.initial_velocity_std, config.sound_speed_std]
-        mean = [*config.initial_position, *config.initial_velocity, config.sound_speed]
+        std = [*config.start.initial_position_std, *config.start.initial_velocity_std, config.water.sound_speed_std]
+        mean = [*config.start.initial_position, *config.start.initial_velocity, config.water.sound_speed]
         return np.array(mean), np.diag(np.square(std))
     return predict(estimate.mean, estimate.cov, 1.0, config)  # type: ignore[attr-defined]
 

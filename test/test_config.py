@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.config import build, param
+from uw_acoustic_loc.config import build, changed, configured, group, limits_of, param, parameters, values_of
 
 
 @dataclass(frozen=True)
@@ -56,3 +56,53 @@ def test_what_is_wrong_is_said_in_one_sentence(values: object, sentence: str) ->
     with pytest.raises(ValueError) as caught:
         build(Example, values, "node /n")  # type: ignore[arg-type]
     assert str(caught.value) == sentence
+
+
+@dataclass(frozen=True)
+class Band:
+    low: float = param(1.0, unit="Hz", low=0.5, changeable=True)
+    high: float = param(2.0, unit="Hz", low=0.5)
+
+    def __post_init__(self) -> None:
+        if self.low >= self.high:
+            raise ValueError(f"low must be below high {self.high:g}, got {self.low:g}")
+
+
+@dataclass(frozen=True)
+class Grouped:
+    name: str = param("a")
+    band: Band = group(Band)
+
+
+@dataclass(frozen=True)
+class Twice:
+    low: float = param(1.0)
+    band: Band = group(Band)
+
+
+def test_parameters_of_a_group_have_no_other_name_outside_the_code() -> None:
+    built = build(Grouped, {"name": "b", "high": 3}, "node /n")
+    assert built == Grouped("b", Band(1.0, 3.0))
+    assert values_of(built) == {"name": "b", "low": 1.0, "high": 3.0}
+    assert [key for key, field in parameters(Grouped).items() if limits_of(field).changeable] == ["low"]
+    assert changed(built, low=2.0) == configured(Grouped, name="b", low=2.0, high=3.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"hihg": 1.0}, "node /n: unknown key 'hihg', did you mean 'high'?"),
+        ({"band": {"low": 1.0}}, "node /n: unknown key 'band', allowed are high, low, name"),
+        ({"low": 0.1}, "node /n: low must be at least 0.5 Hz, got 0.1"),
+        ({"low": 2.0}, "node /n: low must be below high 2, got 2"),
+    ],
+)
+def test_what_is_wrong_in_a_group_is_said_like_anything_else(values: dict[str, object], sentence: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        build(Grouped, values, "node /n")
+    assert str(caught.value) == sentence
+
+
+def test_a_parameter_cannot_be_declared_twice() -> None:
+    with pytest.raises(TypeError, match="Twice declares the parameter low twice"):
+        parameters(Twice)

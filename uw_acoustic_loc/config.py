@@ -6,6 +6,9 @@ A parameter is declared once, next to its algorithm::
 
 ``build`` turns a mapping (ROS parameters, a YAML node) into the dataclass. Whatever is wrong ends as one sentence
 that names the place, the key, the value and what is allowed.
+
+Parameters of one concept may stand together in a dataclass of their own, which the config holds as a ``group``. That
+is an order for readers of the code alone: in YAML and in ROS every parameter has its own name, without the group's.
 """
 
 from __future__ import annotations
@@ -50,28 +53,74 @@ def param(
     return dataclasses.field(default=default, metadata={"limits": limits})
 
 
+def group(kind: type[Any]) -> Any:
+    """A dataclass field that holds the parameters of one concept, all of them with a default."""
+    return dataclasses.field(default_factory=kind, metadata={"group": kind})
+
+
 def limits_of(field: dataclasses.Field[Any]) -> Limits:
     """The limits that a field was declared with."""
     limits: Limits = field.metadata.get("limits", Limits())
     return limits
 
 
+def parameters(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+    """The fields of a config and of its groups, by the name that YAML and ROS know them by."""
+    found: dict[str, dataclasses.Field[Any]] = {}
+    for field in dataclasses.fields(cls):
+        inner = parameters(field.metadata["group"]) if "group" in field.metadata else {field.name: field}
+        if twice := found.keys() & inner.keys():
+            raise TypeError(f"{cls.__name__} declares the parameter {', '.join(sorted(twice))} twice")
+        found |= inner
+    return found
+
+
+def values_of(config: Any) -> dict[str, Any]:
+    """The values of a config and of its groups by the parameters' names."""
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        values |= values_of(value) if "group" in field.metadata else {field.name: value}
+    return values
+
+
+def configured(cls: type[T], **values: Any) -> T:
+    """`build` for Python code: ``configured(ToaConfig, emission="unknown", bottom_depth=40.0)``."""
+    return build(cls, values, cls.__name__)
+
+
+def changed(config: T, **values: Any) -> T:
+    """The config with other values of some parameters, checked as by `build`."""
+    return build(type(config), {**values_of(config), **values}, type(config).__name__)
+
+
 def build(cls: type[T], values: Mapping[str, Any], where: str) -> T:
     """The dataclass `cls` from `values`; `where` names the place in the sentence of a ValueError.
 
-    Nested dataclasses are built from nested mappings, tuples of dataclasses from lists of mappings.
+    Nested dataclasses are built from nested mappings, tuples of dataclasses from lists of mappings, groups from the
+    values of their parameters.
     """
     if not isinstance(values, Mapping):
         raise ValueError(f"{where} must be a mapping of keys to values, got {values!r}")
-    fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]
+    known = parameters(cls)
     for key in values:
-        if key not in fields:
-            raise ValueError(f"{where}: unknown key {str(key)!r}{_nearest(str(key), fields)}")
+        if key not in known:
+            raise ValueError(f"{where}: unknown key {str(key)!r}{_nearest(str(key), known)}")
+    return _built(cls, values, where)
+
+
+def _built(cls: type[T], values: Mapping[str, Any], where: str) -> T:
+    """From values of which some may belong to other groups."""
+    fields = {f.name: f for f in dataclasses.fields(cls) if "group" not in f.metadata}  # type: ignore[arg-type]
     hints = get_type_hints(cls)
-    built = {key: _value(hints[key], value, f"{where}: {key}", limits_of(fields[key])) for key, value in values.items()}
+    own = [(key, value) for key, value in values.items() if key in fields]
+    built = {key: _value(hints[key], value, f"{where}: {key}", limits_of(fields[key])) for key, value in own}
     for name, field in fields.items():
         if name not in built and field.default is MISSING and field.default_factory is MISSING:
             raise ValueError(f"{where}: key '{name}' is missing")
+    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+        if "group" in field.metadata:
+            built[field.name] = _built(field.metadata["group"], values, where)
     try:
         return cls(**built)
     except ValueError as error:  # a __post_init__ that compares several fields

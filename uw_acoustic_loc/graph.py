@@ -1,15 +1,18 @@
-"""Graph files and ROS params-files: which nodes run, with which parameters and names. Checked whole before use."""
+"""Graph files and ROS params-files: which nodes run, with which parameters and names, all checked before use."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .config import build, param
 from .yaml_file import load_yaml
+
+_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"
+_LETTERS = "letters, digits and underscores, and not begin with a digit"
 
 
 @dataclass(frozen=True)
@@ -49,11 +52,11 @@ class GraphNode:
 
     @property
     def full_name(self) -> str:
-        """For example `/auv1/bearing`."""
+        """The name with its namespace, for example `/auv1/bearing`."""
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
     def resolve(self, topic: str) -> str:
-        """The topic's name in the graph: namespace and remappings applied, as rcl does."""
+        """Returns the topic's name in the graph: namespace and remappings are applied as rcl does."""
         renamed = {self._absolute(old): self._absolute(new) for old, new in self.remap.items()}
         return renamed.get(self._absolute(topic), self._absolute(topic))
 
@@ -92,17 +95,43 @@ def load_graph(path: Path) -> Graph:
 
 def _node(entry: NodeEntry, graph: Path) -> GraphNode:
     name = entry.name or entry.executable.split("/")[-1]
-    if not re.fullmatch(r"[A-Za-z_]\w*", name):
-        raise ValueError(f"graph {graph}: node name '{name}' must be letters, digits and underscores")
+    if not re.fullmatch(_TOKEN, name):
+        raise ValueError(f"graph {graph}: node name '{name}' must be {_LETTERS}")
     namespace = "/" + entry.namespace.strip("/")
+    if not (namespace == "/" or _is_topic(namespace)):
+        raise ValueError(f"graph {graph}: namespace '{entry.namespace}' of node {name} must be {_LETTERS}")
+    for topic in (text for pair in (entry.remap or {}).items() for text in pair):
+        if not _is_topic(f"/{topic.removeprefix('~').removeprefix('/')}"):
+            raise ValueError(f"graph {graph}: remap of node {name}: '{topic}' must be {_LETTERS}, with '/' between")
     file = graph.parent / entry.params if entry.params else None
     full_name = f"{namespace.rstrip('/')}/{name}"
     params = params_of(file, full_name) if file else {}
     return GraphNode(entry.executable, name, namespace, file, entry.remap or {}, params)
 
 
+def check_topics(names: Iterable[str], where: str) -> None:
+    """Raises ValueError for a full topic name that ROS would not take."""
+    for name in names:
+        if not _is_topic(name):
+            raise ValueError(f"{where}: {name} is no topic of ROS: ids must be {_LETTERS}")
+
+
+def _is_topic(name: str) -> bool:
+    return re.fullmatch(f"(/{_TOKEN})+", name) is not None
+
+
+def own_parameters(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Without those of every ROS node, which are rclpy's business."""
+    return {
+        key: value for key, value in params.items() if key not in _OF_RCLPY and not key.startswith("qos_overrides.")
+    }
+
+
+_OF_RCLPY = ("use_sim_time", "start_type_description_service")
+
+
 def params_of(file: Path, full_name: str) -> dict[str, Any]:
-    """The parameters that a params-file gives to a node; later sections win, as in rcl."""
+    """Returns the parameters that a params-file gives to a node; later sections win, as in rcl."""
     params: dict[str, Any] = {}
     for pattern, values in _sections(file):
         if _matches(pattern, full_name):
@@ -111,7 +140,7 @@ def params_of(file: Path, full_name: str) -> dict[str, Any]:
 
 
 def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
-    """Node name patterns with their parameters, in the order of the file; nested namespaces are joined with slashes."""
+    """Returns node name patterns with their parameters, as in the file; nested namespaces are joined with slashes."""
     content = load_yaml(file, "params-file")
     found: list[tuple[str, Mapping[str, Any]]] = []
 
@@ -131,7 +160,7 @@ def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested parameter mappings with their keys joined by dots, as rcl reads them."""
+    """Joins the keys of nested parameter mappings by dots, as rcl does."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -142,14 +171,14 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _matches(pattern: str, full_name: str) -> bool:
-    """As in rcl: `/**` stands for any number of names, `/*` for one; a bare name is a node of the root namespace."""
+    """Matches as rcl does: `/**` is any number of names, `/*` one; a bare name is a node of the root namespace."""
     tokens = re.split(r"(/\*\*|/\*)", pattern)
     expression = "".join({"/**": r"(/\w+)*", "/*": r"/\w+"}.get(token, re.escape(token)) for token in tokens)
     return re.fullmatch(expression, full_name) is not None
 
 
 def _check_sections(file: Path, nodes: tuple[GraphNode, ...]) -> None:
-    """A misspelt node name would silently leave a node at its defaults."""
+    """Refuses sections for no node: a misspelt node name would silently leave a node at its defaults."""
     users = sorted(node.full_name for node in nodes if node.params_file == file)
     for pattern, _ in _sections(file):
         if not any(_matches(pattern, name) for name in users):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from uw_acoustic_loc.config import build
+from uw_acoustic_loc.config import build, parameters
 from uw_acoustic_loc.graph import GraphFile
 from uw_acoustic_loc.sim.scenario import Scenario
 from uw_acoustic_loc.stages.catalog import STAGES, stage_class
@@ -32,7 +32,7 @@ FEW = st.sampled_from([0, 1, 2, 0.0, 0.5, 1.0, -1.0, 1e-9, 1e9, math.nan, math.i
 
 def content(cls: Any) -> st.SearchStrategy[Any]:
     """Mappings with mostly known keys and mostly plausible values."""
-    keys = st.one_of(st.sampled_from([field.name for field in dataclasses.fields(cls)]), st.text(max_size=4))
+    keys = st.one_of(st.sampled_from(list(parameters(cls))), st.text(max_size=4))
     return st.one_of(st.dictionaries(keys, st.one_of(FEW, VALUES), max_size=6), VALUES)
 
 

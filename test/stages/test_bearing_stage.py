@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.contract import Status
-from uw_acoustic_loc.core.bearing.estimator import BearingConfig
+from uw_acoustic_loc.core.bearing.config import BearingConfig
 from uw_acoustic_loc.core.geometry import quat_from_yaw, wrap_angles
 from uw_acoustic_loc.core.types import Odometry, Samples
 from uw_acoustic_loc.sim.hydrophones import HydrophoneSource

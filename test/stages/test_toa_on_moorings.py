@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.config import build
+from uw_acoustic_loc.config import build, changed, configured
 from uw_acoustic_loc.core.mooring.model import MooringConfig
-from uw_acoustic_loc.core.toa.tracker import ToaConfig
+from uw_acoustic_loc.core.toa.config import ToaConfig
 from uw_acoustic_loc.core.types import Odometry
 from uw_acoustic_loc.sim.buoys import BuoySource
 from uw_acoustic_loc.sim.scenario import Mooring, Scenario, load_scenario
@@ -19,8 +19,8 @@ from uw_acoustic_loc.stages.toa_tracker import ToaTrackerStage
 HARBOUR = load_scenario(Path(__file__).parents[2] / "config/harbour/scenario.yaml")
 IDS = ("m1", "m2", "m3", "m4")
 SOFT = {"stiffness": 0.05, "force": 0.25, "process_std": 0.1}  # 5 m on average, with a period of 28 s
-TRACKER = ToaConfig(bottom_depth=40.0, acceleration_noise=0.18, vertical_acceleration_noise=0.01)
-CORRECTED = dataclasses.replace(TRACKER, mooring_ids=IDS, mooring_receivers=(1, 2, 3, 4))
+TRACKER = configured(ToaConfig, bottom_depth=40.0, acceleration_noise=0.18, vertical_acceleration_noise=0.01)
+CORRECTED = changed(TRACKER, mooring_ids=IDS, mooring_receivers=(1, 2, 3, 4))
 
 
 def scenario(seed: int) -> Scenario:

@@ -1,15 +1,15 @@
-import dataclasses
-
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.toa.model import ToaConfig, arrival_times, predict
+from uw_acoustic_loc.config import changed, configured
+from uw_acoustic_loc.core.toa.config import ToaConfig
+from uw_acoustic_loc.core.toa.model import arrival_times, predict
 from uw_acoustic_loc.core.toa.paths import make_net
 from uw_acoustic_loc.studies.toa.batch import ToaBatch
 
 BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
 IMAGES = make_net([1, 2, 3, 4], BUOYS, 200.0).images[[1, 2]].reshape(-1, 3)
-CONFIG = ToaConfig(acceleration_noise=0.02, vertical_acceleration_noise=0.02, gate_sigma=50.0)
+CONFIG = configured(ToaConfig, acceleration_noise=0.02, vertical_acceleration_noise=0.02, gate_sigma=50.0)
 RUNS, STD = 5, 0.003
 
 
@@ -54,7 +54,7 @@ def test_covariances_stay_symmetric() -> None:
 
 def test_missing_and_gated_arrivals_change_nothing() -> None:
     mean, cov = starts()
-    batch = ToaBatch(mean, cov, dataclasses.replace(CONFIG, gate_sigma=3.0))
+    batch = ToaBatch(mean, cov, changed(CONFIG, gate_sigma=3.0))
     times = arrival_times(mean[:, 0], IMAGES)[0][:, None] + np.zeros(RUNS)
     times[:] = np.nan
     times[0] = 9.0

@@ -65,7 +65,7 @@ def decoded(kind: type, record: Record) -> Any:
     """A core value from a message, by the bag's definition of its type.
 
     Raises:
-        ValueError: the message is of another type, lacks a field, cannot be read, or says what cannot be.
+        ValueError: the message is of another type, lacks a field, cannot be read, or has an impossible content.
     """
     form = codec(kind)
     if record.msgtype != form.msgtype:

@@ -1,4 +1,4 @@
-"""A hash per topic of what a bag says, by which two runs are compared."""
+"""A hash per topic of a bag's messages, by which two runs are compared."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Fingerprint:
 
 
 def fingerprints(bag: Bag, topics: Collection[str] | None = None) -> dict[str, Fingerprint]:
-    """Per topic, by name, of these topics or of all; the timer-driven ones are left out.
+    """Returns the fingerprints of these topics, or of all, by name; the timer-driven ones are left out.
 
     The SHA-256 of the messages are added up, so that the bag may be of any size and the messages in any order: a stamp
     is part of its message. Messages without a header count with their place among those of the topic.
@@ -47,7 +47,7 @@ def fingerprints(bag: Bag, topics: Collection[str] | None = None) -> dict[str, F
 
 
 def overall(found: dict[str, Fingerprint]) -> str:
-    """One hash of all topics and their names."""
+    """Returns one hash of all topics and their names."""
     lines = [f"{topic} {one.count} {one.digest}\n" for topic, one in sorted(found.items())]
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 

@@ -10,7 +10,9 @@ from operator import itemgetter
 from pathlib import Path
 
 from ..graph import Graph
-from ..resolved_graph import wire
+from ..resolved_graph import resolve_node
+from ..sim.catalog import SOURCES
+from ..stages.catalog import is_stage
 from ..stages.runner import Refusal
 from ..wire.codec import codec
 from .about import about_graph
@@ -24,13 +26,17 @@ from .writer import BagWriter
 class OfflineRun:
     """One bag through one graph into a new bag. `progress` is called with log times, as they are reached."""
 
-    def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
-        self.pipeline = Pipeline(graph, self._publish, tell)
+    def __init__(self, bag: Bag | RemappedBag, graph: Graph, report: Callable[[str, Refusal], None]) -> None:
+        self.pipeline = Pipeline(graph, self._publish, report)
         self._bag = bag
-        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(wire, graph.nodes))}
+        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(resolve_node, graph.nodes))}
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
         self._due: list[tuple[int, str, bytes]] = []  # log time, topic and CDR of what will be written
+        # no simulated driver, and no estimator that can run here
+        self.left_out = [
+            node for node in graph.nodes if not is_stage(node.executable) and node.executable not in SOURCES
+        ]
         missing = sorted(set(self._kinds) - set(bag.topics))
         self.missing = missing
         if len(missing) == len(self._kinds):

@@ -1,6 +1,6 @@
 """Reads bags: rosbag2 folders or single files, MCAP or sqlite3, whole, split, compressed or damaged.
 
-Everything that can be read is read; `Bag.damage` then says in one sentence per file what could not.
+Everything that can be read is read; `Bag.damage` then has one sentence per damaged file.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Bag:
             raise ValueError(f"bag {path} does not exist")
         self.path = path
         self._notes: list[str] = []
-        self._told: int | None = None  # messages, by metadata.yaml
+        self._listed_count: int | None = None  # messages, by metadata.yaml
         self._scratch = TemporaryDirectory(prefix="uwloc_")  # of compressed files, as long as this object lives
         self.files = self._listed()
         self._damage = [Damage(file) for file in self.files]
@@ -57,7 +57,7 @@ class Bag:
 
     @property
     def damage(self) -> list[str]:
-        """What could not be read, so far: complete when `records` has come to its end."""
+        """What could not be read so far, in sentences; complete when `records` has been read to its end."""
         return [*self._notes, *(sentence for damage in self._damage for sentence in damage.sentences)]
 
     @property
@@ -66,7 +66,7 @@ class Bag:
         return {name: record for file in self._files for name, record in file.metadata.items()}
 
     def span(self) -> tuple[int, int]:
-        """Log times of the first and the last message in ns, as far as the files tell; equal when they do not."""
+        """Returns log times in ns of the first and the last message; equal ones where the files do not have them."""
         spans = self._spans()
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
 
@@ -80,8 +80,8 @@ class Bag:
         for record in ordered:
             count += 1
             yield record if record.definition.text or not self._definitions else self._given(record)
-        if wanted is None and not self.damage and self._told not in (None, count):
-            self._note(f"bag {self.path}: metadata.yaml tells of {self._told} messages, {count} are found")
+        if wanted is None and not self.damage and self._listed_count not in (None, count):
+            self._note(f"bag {self.path}: metadata.yaml lists {self._listed_count} messages, {count} are found")
 
     def _spans(self) -> list[tuple[int, int]]:
         return [span for file in self._files if (span := file.span())]
@@ -118,13 +118,13 @@ class Bag:
         return sorted([*files, *unlisted], key=_by_number) if unlisted else files
 
     def _named(self) -> list[str]:
-        """The files that metadata.yaml lists; none when there is no such list."""
+        """Returns the files that metadata.yaml lists; none when there is no such list."""
         listed = self.path / "metadata.yaml"
         if not listed.exists():
             return []
         try:
             about = yaml.load(listed.read_bytes(), YAML_LOADER)["rosbag2_bagfile_information"]
-            self._told = about.get("message_count")
+            self._listed_count = about.get("message_count")
             return [str(name) for name in about["relative_file_paths"]]
         except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
             self._note(f"bag {self.path}: metadata.yaml is not a rosbag2 description; the files beside it are read")
@@ -148,7 +148,7 @@ class Bag:
         raise ValueError(f"bag {self.path}: {name} is neither an MCAP file nor an SQLite file")
 
     def _unpack(self, file: Path, damage: Damage) -> Path:
-        """A file that rosbag2 compressed as a whole, unpacked as far as it goes."""
+        """Unpacks a file that rosbag2 compressed as a whole, as far as it can be unpacked."""
         target = Path(self._scratch.name) / file.name
         with file.open("rb") as packed, target.open("wb") as out:
             try:
@@ -159,7 +159,7 @@ class Bag:
 
 
 def _found(folder: Path, name: str) -> Path | None:
-    """A listed file: in old bags the name begins with the folder's, or leaves out the compression's suffix."""
+    """Finds a listed file: in old bags its name begins with the folder's, or has no suffix of the compression."""
     if _outside(name):
         return None
     tries = (folder / name, folder / Path(name).name, folder / f"{Path(name).name}.zstd")
@@ -177,5 +177,5 @@ def _stem(file: Path) -> str:
 
 
 def _by_number(file: Path) -> list[tuple[int, str]]:
-    """bag_2 before bag_10."""
+    """Sorts bag_2 before bag_10."""
     return [(int(part) if part.isdigit() else -1, part) for part in re.split(r"(\d+)", file.name)]

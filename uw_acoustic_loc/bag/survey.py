@@ -12,12 +12,12 @@ from .definitions import store_of
 from .reader import Bag, Record, Topic
 
 _GAP = 5.0  # median intervals between two messages make a gap
-_FEW = 5  # intervals, below which a median says nothing
+_FEW = 5  # intervals, below which a median means nothing
 
 
 @dataclass(frozen=True)
 class TopicSurvey:
-    """One topic. Times are log times, when each message was recorded; a stamp is what its header says."""
+    """One topic. Times are log times, when each message was recorded; a stamp is that of its header."""
 
     msgtype: str
     latched: bool
@@ -36,7 +36,7 @@ class TopicSurvey:
     other_types: tuple[str, ...]  # that messages of this topic have, too
 
     def as_json(self) -> dict[str, Any]:
-        """With the type as `type`."""
+        """Returns the fields as a dictionary, the message type as `type`."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return {"type": values.pop("msgtype"), **values}
 
@@ -67,7 +67,7 @@ class Survey:
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last log time in ns; zeros for an empty bag."""
+        """The first and the last log time in ns; zeros for an empty bag."""
         filled = [topic for topic in self.topics.values() if topic.last_ns]
         return (min(t.first_ns for t in filled), max(t.last_ns for t in filled)) if filled else (0, 0)
 
@@ -109,7 +109,7 @@ def _summary(noted: _Traffic, types: list[str]) -> TopicSurvey:
 
 
 def _gaps(intervals: np.ndarray[Any, Any]) -> list[float]:
-    """Intervals in s that are much longer than usual."""
+    """Returns the intervals in s that are much longer than usual."""
     usual = float(np.median(intervals)) if intervals.size >= _FEW else 0.0
     return intervals[intervals > _GAP * usual].tolist() if usual > 0 else []
 
@@ -122,7 +122,7 @@ def _has_header(topic: Topic) -> bool:
 
 
 def _stamp_ns(data: bytes) -> int | None:
-    """The stamp of a header that stands first in CDR bytes."""
+    """Returns the stamp in ns of a header that comes first in CDR bytes."""
     if len(data) < 12:
         return None
     seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)

@@ -39,7 +39,7 @@ def read_bag(path: Path, options: Namespace) -> Bag:
 
 
 def open_bag(path: Path, options: Namespace) -> RemappedBag:
-    """The bag under the names that --remap gives."""
+    """Opens a bag, its topics under the names that --remap gives."""
     from ..bag.remap import RemappedBag, remaps
 
     return RemappedBag(read_bag(path, options), remaps(options.remap))

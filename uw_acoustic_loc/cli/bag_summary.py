@@ -1,4 +1,4 @@
-"""What is in a bag, what is wrong with it, and what can be done with it: for people and for machines."""
+"""A bag's contents, its faults and its uses, for a terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..bag.usable import Use
 
 
 def as_json(bag: Bag, found: Survey, estimators: Sequence[Use]) -> dict[str, Any]:
-    """Everything, for machines."""
+    """Returns everything as a JSON object."""
     first, last = found.span
     return {
         "path": str(bag.path),
@@ -34,7 +34,7 @@ def as_json(bag: Bag, found: Survey, estimators: Sequence[Use]) -> dict[str, Any
 
 
 def parts(bag: Bag, found: Survey, estimators: Sequence[Use]) -> Iterator[RenderableType]:
-    """The same, for a terminal."""
+    """Yields everything for a terminal."""
     first, last = found.span
     count = sum(topic.count for topic in found.topics.values())
     yield Text(f"{bag.path}: {count} messages in {len(bag.files)} file(s)", style="bold")

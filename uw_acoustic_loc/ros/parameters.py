@@ -7,72 +7,88 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from ..config import build, limits_of
-from ..resolved_graph import OF_RCLPY
+from ..config import build, limits_of, parameters, values_of
+from ..graph import own_parameters
+from .qos import check_overrides
+from .spin import Stop, one_line
+
+
+def make_node(executable: str) -> Node:
+    """A node with the parameters of command line and params-files.
+
+    Raises:
+        Stop: ROS cannot use its name, or a value of `qos_overrides` is none.
+    """
+    try:
+        node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        check_overrides(_given(node), (), f"node {node.get_fully_qualified_name()}")
+    except (ValueError, RuntimeError, NameValidationException) as error:
+        raise Stop(1, f"{executable}: {one_line(error)}") from None
+    return node
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
     """What the command line and params-files gave, without rclpy's own parameters."""
+    return own_parameters(_given(node))
+
+
+def _given(node: Node) -> dict[str, Any]:
     given: dict[str, Any] = node.get_parameters_by_prefix("")
-    return {
-        name: parameter.value
-        for name, parameter in given.items()
-        if name not in OF_RCLPY and not name.startswith("qos_overrides.")
-    }
+    return {name: parameter.value for name, parameter in given.items()}
 
 
-def declare(node: Node, config: Any) -> None:
-    """Declares every field of a config with its value, unit and range (replacing what rclpy declared untyped)."""
-    for field in dataclasses.fields(config):
-        if node.has_parameter(field.name):
-            node.undeclare_parameter(field.name)
-        value = getattr(config, field.name)
-        value = list(value) if isinstance(value, tuple) else value
-        node.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
+def declare(node: Node, config: Any, prefix: str = "") -> None:
+    """Declares every parameter of a config with its value, unit and range (replacing what rclpy declared untyped)."""
+    values = values_of(config)
+    for own_name, field in parameters(type(config)).items():
+        name = prefix + own_name
+        if node.has_parameter(name):
+            node.undeclare_parameter(name)
+        value = list(values[own_name]) if isinstance(values[own_name], tuple) else values[own_name]
+        node.declare_parameter(name, value, _descriptor(name, field, value), ignore_override=True)
 
 
 def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Callable[[Any], None]) -> None:
     """Checks run-time changes with the builder and `allow`, refuses what cannot change, `apply`s the new config."""
     current = [config]
-    changeable = {f.name for f in dataclasses.fields(config) if limits_of(f).changeable}
-    known = {f.name for f in dataclasses.fields(config)}
+    known = parameters(type(config)).keys()
+    changeable = {name for name, field in parameters(type(config)).items() if limits_of(field).changeable}
 
-    def rebuilt(parameters: list[Parameter]) -> Any:
-        values = {f.name: getattr(current[0], f.name) for f in dataclasses.fields(config)}
-        values |= {p.name: p.value for p in parameters if p.name in known}
+    def rebuilt(given: list[Parameter]) -> Any:
+        values = values_of(current[0]) | {p.name: p.value for p in given if p.name in known}
         return build(type(config), values, f"node {node.get_fully_qualified_name()}")
 
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
+    def check(given: list[Parameter]) -> SetParametersResult:
+        for parameter in given:
             if parameter.name in known - changeable:
                 reason = f"{parameter.name} cannot change while the node runs, only {', '.join(sorted(changeable))} can"
                 return SetParametersResult(successful=False, reason=reason)
         try:
-            allow(rebuilt(parameters))
+            allow(rebuilt(given))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def changed(parameters: list[Parameter]) -> None:
-        if any(parameter.name in known for parameter in parameters):
-            current[0] = rebuilt(parameters)
+    def changed(given: list[Parameter]) -> None:
+        if any(parameter.name in known for parameter in given):
+            current[0] = rebuilt(given)
             apply(current[0])
 
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(changed)
 
 
-def _descriptor(field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
+def _descriptor(name: str, field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
     limits = limits_of(field)
     text = ", ".join(part for part in (limits.doc, limits.unit) if part)
     # An empty list has no type of its own in rclpy, and 3 may be meant as 3.0: the builder checks types instead.
-    descriptor = ParameterDescriptor(
-        name=field.name, description=text, dynamic_typing=not isinstance(value, str | bool)
-    )
+    descriptor = ParameterDescriptor(name=name, description=text, dynamic_typing=not isinstance(value, str | bool))
     descriptor.additional_constraints = f"one of {', '.join(limits.choices)}" if limits.choices else ""
     if isinstance(value, float) and (limits.low > -math.inf or limits.high < math.inf):
         low, high = max(limits.low, -1.7e308), min(limits.high, 1.7e308)

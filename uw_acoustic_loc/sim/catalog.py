@@ -6,10 +6,13 @@ import dataclasses
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..config import param
 from ..contract import Source
-from .scenario import Scenario, find_scenario, load_scenario
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
 
 SOURCES = {
     "vehicle_driver": ("vehicle", "VehicleSource"),
@@ -29,13 +32,15 @@ class DriverConfig:
 
 
 def configured_scenario(config: DriverConfig, base: Path) -> Scenario:
-    """The scenario that a driver's parameters name, with its seed; relative paths are taken from `base`."""
+    """Reads the scenario that a driver's parameters name, with their seed; relative paths are taken from `base`."""
+    from .scenario import find_scenario, load_scenario  # noqa: PLC0415  slow to import, and estimators need it not
+
     scenario = load_scenario(find_scenario(config.scenario, base))
     return scenario if config.seed < 0 else dataclasses.replace(scenario, seed=config.seed)
 
 
 def make_source(executable: str, scenario: Scenario) -> Source:
-    """The simulated sensor of a driver executable."""
+    """Makes the simulated sensor of a driver executable."""
     module, name = SOURCES[executable]
     source: Source = getattr(import_module(f"{__package__}.{module}"), name)(scenario)
     return source

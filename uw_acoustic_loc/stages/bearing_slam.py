@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.geometry import quat_from_rpy
 from ..core.slam.config import SlamConfig
 from ..core.slam.filter import Slam, SourceBearing
 from ..core.slam.inertial import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, YAW
 from ..core.slam.relinearise import SlamPasses
 from ..core.types import Array, Bearing, BodyVelocity, Imu, Odometry, Position
+from ..topics import known
+
+_IMU, _VELOCITY, _BEARING = known("imu/data"), known("dvl/twist"), known("sources/<id>/bearing")
+_ODOMETRY, _POSITION = known("slam/odometry"), known("slam/sources/<id>/position")
 
 
-class BearingSlamStage:
+class BearingSlamStage(Stage):
     """EKF-SLAM; odom is where the vehicle was at the first IMU message."""
 
     Config: ClassVar[type] = SlamConfig
+    any_id: ClassVar[Mapping[str, Any]] = {"source_ids": [ANY_ID]}
 
     def __init__(self, config: SlamConfig) -> None:
         self._passes = SlamPasses(config)
@@ -34,19 +39,18 @@ class BearingSlamStage:
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (
-            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
+            _BEARING.input(partial(self._on_bearing, name), name, frame="base_link")
             for name in self._slam.config.source_ids
         )
         return (
-            Input("imu/data", Imu, self._on_imu, frame="base_link"),
-            Input("dvl/twist", BodyVelocity, self._on_velocity, frame="base_link"),
+            _IMU.input(self._on_imu, frame="base_link"),
+            _VELOCITY.input(self._on_velocity, frame="base_link"),
             *bearings,
         )
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        positions = (Output(_position_topic(name), Position) for name in self._slam.config.source_ids)
-        return (Output("slam/odometry", Odometry), *positions)
+        return (_ODOMETRY.output(), *(_POSITION.output(name) for name in self._slam.config.source_ids))
 
     def status(self) -> Status:
         slam = self._slam
@@ -94,8 +98,8 @@ class BearingSlamStage:
 
     def _on_imu(self, imu: Imu) -> Iterator[Emission]:
         self._passes.take(imu)
-        if self._due("slam/odometry", imu.t_ns, _ODOMETRY_PERIOD_NS):
-            yield "slam/odometry", _odometry(imu.t_ns, self._slam)
+        if self._due(_ODOMETRY.name, imu.t_ns, _ODOMETRY_PERIOD_NS):
+            yield _ODOMETRY.name, _odometry(imu.t_ns, self._slam)
 
     def _on_velocity(self, velocity: BodyVelocity) -> Iterator[Emission]:
         self._passes.take(velocity)
@@ -103,7 +107,7 @@ class BearingSlamStage:
 
     def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
         self._passes.take(SourceBearing(name, bearing))
-        fix, topic = self._slam.position(name), _position_topic(name)
+        fix, topic = self._slam.position(name), _POSITION.named(name)
         if fix is not None and self._due(topic, bearing.t_ns, _POSITION_PERIOD_NS):
             cov = np.zeros((3, 3))
             cov[:2, :2], cov[2, 2] = fix.cov, -1.0  # z is not observed: the vehicle's is published
@@ -114,10 +118,6 @@ class BearingSlamStage:
         if due:
             self._told_ns[topic] = t_ns
         return due
-
-
-def _position_topic(name: str) -> str:
-    return f"slam/sources/{name}/position"
 
 
 def _odometry(t_ns: int, slam: Slam) -> Odometry:

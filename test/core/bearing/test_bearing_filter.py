@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.bearing.estimator import BearingConfig, BearingEstimator
+from uw_acoustic_loc.core.bearing.config import BearingConfig
+from uw_acoustic_loc.core.bearing.estimator import BearingEstimator
 from uw_acoustic_loc.core.bearing.filters import HistogramFilter, LastPeak, ParticleFilter
 from uw_acoustic_loc.core.bearing.gcc import Correlation
 from uw_acoustic_loc.core.bearing.tdoa_likelihood import PeakLikelihood

@@ -10,15 +10,17 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from uw_acoustic_loc.config import changed, configured
+from uw_acoustic_loc.core.toa.config import ToaConfig
 from uw_acoustic_loc.core.toa.model import arrival_times, process_noise
 from uw_acoustic_loc.core.toa.paths import make_net
-from uw_acoustic_loc.core.toa.tracker import ToaConfig, ToaEstimate, ToaTracker
+from uw_acoustic_loc.core.toa.tracker import ToaEstimate, ToaTracker
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 RUNS, PINGS, STD = 60, 50, 0.003
 BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
 NET = make_net([1, 2, 3, 4], BUOYS, 200.0)
-CONFIG = ToaConfig(bottom_depth=200.0, acceleration_noise=0.02, vertical_acceleration_noise=0.02)
+CONFIG = configured(ToaConfig, bottom_depth=200.0, acceleration_noise=0.02, vertical_acceleration_noise=0.02)
 PRIOR = (10.0, 10.0, 10.0, 0.3, 0.3, 0.1, 2.0)
 WIDE_PRIOR = (50.0, 50.0, 50.0, 1.0, 1.0, 1.0, 2.0)
 SECOND = 1_000_000_000
@@ -87,7 +89,7 @@ class Result:
 
 
 def with_prior(config: ToaConfig, state: Array, std: tuple[float, ...]) -> ToaConfig:
-    return dataclasses.replace(
+    return changed(
         config,
         cold_start=False,
         initial_position=tuple(state[:3]),
@@ -102,7 +104,7 @@ def with_prior(config: ToaConfig, state: Array, std: tuple[float, ...]) -> ToaCo
 @functools.cache
 def monte_carlo(config: ToaConfig, prior: tuple[float, ...] = (), runs: int = RUNS, **how: object) -> Result:
     errors, nees = np.full((runs, PINGS, 7), np.nan), np.full((runs, PINGS), np.nan)
-    net = make_net([1, 2, 3, 4], BUOYS, config.bottom_depth)
+    net = make_net([1, 2, 3, 4], BUOYS, config.water.bottom_depth)
     for run in range(runs):
         rng = np.random.default_rng([2025, run])
         states = truth(rng)
@@ -126,7 +128,7 @@ def bound_after_10(prior: tuple[float, ...], paths: tuple[int, ...] = (1, 2)) ->
         H = arrival_times(state, images)[1]
         P = np.linalg.inv(np.linalg.inv(P) + H.T @ H / STD**2)
         traces.append(np.trace(P[:3, :3]))
-        state, P = F @ state, F @ P @ F.T + process_noise(1.0, CONFIG)
+        state, P = F @ state, F @ P @ F.T + process_noise(1.0, CONFIG.process)
     return float(np.sqrt(np.mean(traces[10:])))
 
 
@@ -180,7 +182,7 @@ def test_unlabelled_paths() -> None:
 
 @pytest.mark.parametrize("prior", [PRIOR, ()], ids=["prior", "cold"])
 def test_unknown_emission(prior: tuple[float, ...]) -> None:
-    config = dataclasses.replace(CONFIG, emission="unknown")
+    config = changed(CONFIG, emission="unknown")
     result = monte_carlo(config, prior, outliers=0.1, emission=0.35)
     assert result.lost == 0
     assert result.mean < 4.5
@@ -188,7 +190,7 @@ def test_unknown_emission(prior: tuple[float, ...]) -> None:
 
 
 def test_direct_arrivals_alone_leave_the_depth_open() -> None:
-    config = dataclasses.replace(CONFIG, bottom_depth=0.0)
+    config = changed(CONFIG, bottom_depth=0.0)
     result = monte_carlo(config, PRIOR, paths=(1,))
     depth = float(np.sqrt(np.mean(np.square(result.errors[:, 10:, 2]))))
     assert result.rmse_after_10 <= 1.05 * SPREAD * bound_after_10(PRIOR, (1,))
@@ -240,7 +242,7 @@ def test_a_depth_that_cannot_be_observed_stays_open_over_gaps_of_minutes() -> No
     for run in range(4):
         rng = np.random.default_rng([12, run])
         receivers = np.column_stack([rng.uniform(-400, 400, (12, 2)), rng.uniform(-6, -1, 12)])
-        config = ToaConfig(emission="unknown", max_depth=10.0, sound_speed=1450.0, sound_speed_std=10.0)
+        config = configured(ToaConfig, emission="unknown", max_depth=10.0, sound_speed=1450.0, sound_speed_std=10.0)
         tracker = ToaTracker(config, make_net(range(12), receivers, 0.0))
         x, v, seconds = np.array([-250.0, -200, -2]), np.array([0.8, 0.5, 0.0]), 0
         for _ in range(80):
@@ -297,7 +299,7 @@ def test_an_epoch_without_arrivals_is_a_prediction() -> None:
 
 def test_covariance_stays_symmetric_and_positive_definite() -> None:
     rng = np.random.default_rng(10)
-    config = dataclasses.replace(CONFIG, acceleration_noise=0.0, vertical_acceleration_noise=0.0, sound_speed_walk=0.0)
+    config = changed(CONFIG, acceleration_noise=0.0, vertical_acceleration_noise=0.0, sound_speed_walk=0.0)
     tracker, state = ToaTracker(config, NET), truth(rng)[0]
     state[3:6] = 0
     for k in range(3000):  # 24 000 scalar updates of a target at rest, nothing ever added to the covariance
@@ -333,7 +335,7 @@ def test_later_ones_are_refused() -> None:
 
 @pytest.mark.parametrize("emission", ["known", "unknown"])
 def test_buoys_that_report_one_by_one_are_one_epoch(emission: str) -> None:
-    config = dataclasses.replace(CONFIG, emission=emission)
+    config = changed(CONFIG, emission=emission)
     rng, apart, together = np.random.default_rng(12), ToaTracker(config, NET), ToaTracker(config, NET)
     for k, state in enumerate(truth(rng)[:15]):
         whole = ping(rng, state, k, emission=0.2 if emission == "unknown" else 0.0)

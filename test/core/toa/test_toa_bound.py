@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from uw_acoustic_loc.config import configured
 from uw_acoustic_loc.core.toa.bound import PingNoise, ping_bound, track_bound
-from uw_acoustic_loc.core.toa.model import ToaConfig, arrival_times, by_emission, motion, predict
+from uw_acoustic_loc.core.toa.config import ToaConfig
+from uw_acoustic_loc.core.toa.model import arrival_times, by_emission, motion, predict
 from uw_acoustic_loc.core.toa.paths import make_net
 
 BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
@@ -34,7 +36,7 @@ def test_one_receiver_leaves_at_least_two_axes_open() -> None:
 
 @pytest.mark.parametrize("emission", [0.0, 1.0])
 def test_bound_of_a_track_is_the_covariance_of_the_filter_along_it(emission: float) -> None:
-    config = ToaConfig(acceleration_noise=0.05, vertical_acceleration_noise=0.02)
+    config = configured(ToaConfig, acceleration_noise=0.05, vertical_acceleration_noise=0.02)
     prior, F = np.diag([100.0, 100, 100, 1, 1, 0.1, 4]), motion(2.0)
     track = [np.array([500.0, 800, -60, 1.2, 1.0, 0.2, 1500])]
     for _ in range(9):

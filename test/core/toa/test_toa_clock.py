@@ -1,23 +1,25 @@
 """Clocks of the buoys as states: four buoys 2 km apart, offsets of 5 ms and drifts of 10 us/s, 3 ms per arrival."""
 
-import dataclasses
 import functools
 
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.config import build
-from uw_acoustic_loc.core.toa.clock import heard_times
+from uw_acoustic_loc.config import build, changed, configured
+from uw_acoustic_loc.core.toa.config import ToaConfig
+from uw_acoustic_loc.core.toa.model import heard_times
 from uw_acoustic_loc.core.toa.paths import make_net
-from uw_acoustic_loc.core.toa.tracker import ToaConfig, ToaTracker
+from uw_acoustic_loc.core.toa.tracker import ToaTracker
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 RUNS, PINGS, STD, OFFSET, DRIFT = 40, 60, 0.003, 0.005, 1e-5
 BUOYS = np.array([[0.0, 0, 0], [2000, 0, 0], [0, 2000, 0], [2000, 2000, 0]])
 NET = make_net([1, 2, 3, 4], BUOYS, 200.0)
 IMAGES = NET.images[[1, 2]].reshape(-1, 3)
-STILL = ToaConfig(bottom_depth=200.0, acceleration_noise=0.02, vertical_acceleration_noise=0.02, sound_speed_walk=0.0)
-CLOCKS = dataclasses.replace(STILL, buoy_clock_offset_std=OFFSET, buoy_clock_drift_std=DRIFT)
+STILL = configured(
+    ToaConfig, bottom_depth=200.0, acceleration_noise=0.02, vertical_acceleration_noise=0.02, sound_speed_walk=0.0
+)
+CLOCKS = changed(STILL, buoy_clock_offset_std=OFFSET, buoy_clock_drift_std=DRIFT)
 
 
 @functools.cache
@@ -31,7 +33,7 @@ def monte_carlo(config: ToaConfig, *, cold: bool) -> tuple[Array, Array]:
         c = 1500.0 + rng.normal(0.0, 2.0)
         start = x + rng.normal(0.0, 10.0, 3)
         known = {"cold_start": False, "initial_position": tuple(start)}
-        tracker = ToaTracker(config if cold else dataclasses.replace(config, **known), NET)
+        tracker = ToaTracker(config if cold else changed(config, **known), NET)
         for k in range(PINGS):
             time = np.linalg.norm(x - IMAGES, axis=1) / c + np.tile(offset + drift * k, 2) + rng.normal(0, STD, 8)
             ids, paths = np.tile([1, 2, 3, 4], 2), np.repeat([1, 2], 4)
@@ -61,8 +63,8 @@ def test_without_them_the_track_is_wrong_and_does_not_say_so() -> None:
 
 
 def test_an_offset_of_all_clocks_cannot_be_seen_with_an_unknown_emission() -> None:
-    config = dataclasses.replace(CLOCKS, emission="unknown", buoy_clock_drift_std=0.0, cold_start=False)
-    tracker = ToaTracker(dataclasses.replace(config, initial_position=(500.0, 800.0, -60.0)), NET)
+    config = changed(CLOCKS, emission="unknown", buoy_clock_drift_std=0.0, cold_start=False)
+    tracker = ToaTracker(changed(config, initial_position=(500.0, 800.0, -60.0)), NET)
     rng, exact = np.random.default_rng(3), np.linalg.norm(np.array([500.0, 800, -60]) - IMAGES, axis=1) / 1500.0
     for k in range(60):
         times = exact + 0.2 + rng.normal(0, STD, 8)

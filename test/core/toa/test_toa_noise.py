@@ -1,20 +1,21 @@
 """The buoy tracker under alpha-stable impulses: five buoys around a target that circles, 1 ms, 60 pings."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
+from uw_acoustic_loc.config import changed, configured
 from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
+from uw_acoustic_loc.core.toa.config import ToaConfig
 from uw_acoustic_loc.core.toa.paths import make_net
-from uw_acoustic_loc.core.toa.tracker import ToaConfig, ToaTracker
+from uw_acoustic_loc.core.toa.tracker import ToaTracker
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 RUNS, PINGS, SETTLED, STD = 25, 60, 10, 1e-3
 ANGLES = 2 * np.pi / 5 * np.arange(5)
 BUOYS = np.stack([100 * np.cos(ANGLES), 100 * np.sin(ANGLES), np.zeros(5)], axis=1)
 NET = make_net(range(5), BUOYS, 0.0)
-GAUSSIAN = ToaConfig(
+GAUSSIAN = configured(
+    ToaConfig,
     cold_start=False,
     start_epochs=1,
     initial_position=(60.0, 0.0, -15.0),
@@ -24,7 +25,7 @@ GAUSSIAN = ToaConfig(
 
 
 def mixture(fraction: float, scale: float) -> ToaConfig:
-    return dataclasses.replace(
+    return changed(
         GAUSSIAN, noise="mixture", impulse_fraction=fraction, impulse_scale=scale, impulse_location=-0.3 * scale
     )
 

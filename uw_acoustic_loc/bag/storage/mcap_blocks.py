@@ -42,12 +42,12 @@ def bytes_at(stream: IO[bytes], begin: int, length: int) -> bytes:
 
 
 def known(opcode: int) -> bool:
-    """Whether a record may begin so: 1 to 15 are defined, those from 128 are anybody's own and left out."""
+    """Returns whether a record may begin so: 1 to 15 are defined, those from 128 are private and left out."""
     return 0 < opcode <= _LAST_OPCODE or opcode >= 0x80
 
 
 def append(blocks: list[Block], block: Block) -> None:
-    """Messages outside of chunks make one block, up to a size."""
+    """Appends a block; messages outside of chunks make one, up to a size."""
     last = blocks[-1] if blocks else None
     if last is None or last.chunk or block.chunk or last.end != block.begin or block.end - last.begin > _RUN:
         blocks.append(block)
@@ -57,7 +57,7 @@ def append(blocks: list[Block], block: Block) -> None:
 
 
 def times(stream: IO[bytes], opcode: int, begin: int) -> tuple[int, int]:
-    """Log times of a chunk or a message."""
+    """Reads first and last log time in ns of a chunk or a message."""
     if opcode == Opcode.CHUNK:
         first_ns, last_ns = struct.unpack("<QQ", bytes_at(stream, begin, 16).ljust(16, b"\0"))
         return first_ns, last_ns
@@ -66,7 +66,7 @@ def times(stream: IO[bytes], opcode: int, begin: int) -> tuple[int, int]:
 
 
 def split(data: bytes, cut: bool = False) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each record's content; ValueError for one that does not fit, unless data are cut."""
+    """Yields opcode, begin and end of each record's content; ValueError if one does not fit and data are not cut."""
     at = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at) if at + HEAD.size <= len(data) else (0, 0)
@@ -79,7 +79,7 @@ def split(data: bytes, cut: bool = False) -> Iterator[tuple[int, int, int]]:
 
 
 def payload_of(record: bytes, cut: bool) -> bytes:
-    """The unpacked records of a chunk; of a cut one, what its part of the data gives.
+    """Returns the unpacked records of a chunk; of a cut one, what its part of the data gives.
 
     Raises:
         ValueError: no chunk, or its length or CRC is wrong.

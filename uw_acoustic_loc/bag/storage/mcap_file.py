@@ -44,12 +44,12 @@ class McapFile:
         self._topics: dict[int, Topic] = {}  # by channel
         with path.open("rb") as stream:
             self._size = stream.seek(0, 2)
-            self._told: int | None = None  # messages, by the summary's statistics
+            self._listed_count: int | None = None  # messages, by the summary's statistics
             self._data_end = 0  # where the record of the data's CRC begins
             if self._size == 0:
                 damage.note("byte 0", "the file is empty")
             elif bytes_at(stream, 0, len(MAGIC)) != MAGIC:
-                damage.note("byte 0", "an MCAP file does not begin like this")
+                damage.note("byte 0", "the file does not begin as an MCAP file")
             self._blocks = self._indexed(stream) or self._walked(stream)
             if not self._channels or any(
                 c.schema_id and c.schema_id not in self._schemas for c in self._channels.values()
@@ -68,7 +68,7 @@ class McapFile:
         return (min(b.first_ns or b.last_ns for b in timed), max(b.last_ns for b in timed)) if timed else None
 
     def records(self, topics: set[str] | None, by_time: bool) -> Iterator[Record]:
-        """Messages in the order of their log times, equal ones as they stand in the file; or all as they stand."""
+        """Yields messages in the order of their log times (equal ones as in the file), or all as in the file."""
         blocks = sorted(self._blocks, key=lambda block: block.first_ns if by_time else block.begin)
         pending: list[_Message] = []
         count = 0
@@ -93,7 +93,7 @@ class McapFile:
             if topic is None:
                 self._damage.note(f"log time {message[0]} ns", f"a message of channel {message[1]}, which is unknown")
             elif message[0] > _LAST_NS:
-                self._damage.note(f"log time {message[0]} ns", "no clock of ROS shows such a time")
+                self._damage.note(f"log time {message[0]} ns", "this time is beyond the clocks of ROS")
             elif topics is None or topic.name in topics:
                 yield message
 
@@ -108,7 +108,7 @@ class McapFile:
     # --- where the blocks are ---
 
     def _indexed(self, stream: IO[bytes]) -> list[Block]:
-        """By the summary, when there is one and it is whole."""
+        """Finds the blocks by the summary; none when there is no whole one."""
         tail = bytes_at(stream, max(self._size - _TAIL, 0), _TAIL)
         if not tail.endswith(MAGIC) or not tail.startswith(HEAD.pack(Opcode.FOOTER, 20)):
             return []
@@ -145,13 +145,13 @@ class McapFile:
                 place = MetadataIndex.read(content)
                 self._learn(Opcode.METADATA, bytes_at(stream, place.offset, place.length)[HEAD.size :])
             elif opcode == Opcode.STATISTICS:
-                self._told = Statistics.read(content).message_count
+                self._listed_count = Statistics.read(content).message_count
             else:
                 self._learn(opcode, summary[begin:end])
         return blocks
 
     def _walked(self, stream: IO[bytes]) -> list[Block]:
-        """From record to record."""
+        """Finds the blocks by going from record to record."""
         blocks: list[Block] = []
         at = len(MAGIC)
         while True:
@@ -179,13 +179,13 @@ class McapFile:
 
     def _check_tail(self, data_end: int) -> None:
         if self._data_end == 0:
-            self._damage.note(f"byte {self._size}", "an MCAP file does not end like this")
+            self._damage.note(f"byte {self._size}", "the file does not end as an MCAP file")
         self._data_end = data_end
 
     def _check_data(self, stream: IO[bytes], count: int) -> None:
-        """The number of messages, and the CRC over everything before it: what no chunk's own CRC covers."""
-        if self._told not in (None, count):
-            self._damage.note("the messages", f"the summary tells of {self._told}, {count} are found")
+        """Checks the number of messages and the CRC of all data, which covers what no chunk's own CRC does."""
+        if self._listed_count not in (None, count):
+            self._damage.note("the messages", f"the summary lists {self._listed_count}, {count} are found")
         opcode, _length, expected = struct.unpack("<BQI", bytes_at(stream, self._data_end, _DATA_END).ljust(13, b"\0"))
         if opcode != Opcode.DATA_END:
             self._damage.note(f"byte {self._data_end}", "the end of the data is not marked")
@@ -197,10 +197,10 @@ class McapFile:
             if crc != expected:
                 self._damage.note(f"bytes 0 to {self._data_end}", "the checksum of all data is wrong")
 
-    # --- what stands in them ---
+    # --- what is in them ---
 
     def _parse(self, stream: IO[bytes], block: Block) -> list[_Message]:
-        """The messages of a block, as far as it can be read."""
+        """Returns the messages of a block, as far as it can be read."""
         found: list[_Message] = []
         try:
             payload = bytes_at(stream, block.begin, block.end - block.begin)
@@ -225,7 +225,7 @@ class McapFile:
             self._damage.note(f"byte {at}", _words(error))
 
     def _learn(self, opcode: int, content: bytes) -> None:
-        """Schemas, channels and metadata."""
+        """Takes schemas, channels and metadata over."""
         stream = ReadDataStream(BytesIO(content))
         if opcode == Opcode.METADATA:
             read = Metadata.read(stream)

@@ -34,7 +34,7 @@ class SqliteFile:
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:
-        """First and last log time in ns."""
+        """Returns first and last log time in ns."""
         try:
             with closing(self._connect()) as base:
                 _check_table(base, "messages")
@@ -45,9 +45,9 @@ class SqliteFile:
         return (first, last) if isinstance(first, int) and isinstance(last, int) else None
 
     def records(self, topics: set[str] | None, by_time: bool) -> Iterator[Record]:
-        """Messages in the order of their log times, or as they were recorded.
+        """Yields messages in the order of their log times, or as they were recorded.
 
-        Of a damaged file those come last whose place in the index of times is lost.
+        Messages whose entry in the index of times is damaged come last.
         """
         given: set[int] = set()
         for order in (
@@ -76,7 +76,7 @@ class SqliteFile:
                 self._damage.note(f"message {number}", f"{topic.name}: {error}")
 
     def _whole_pages(self, path: Path, scratch: Path) -> Path:
-        """A copy without the last page when that is cut: SQLite would read what is missing of it as zeros."""
+        """Copies the file without its last page when that is cut: SQLite would read the missing bytes as zeros."""
         with path.open("rb") as stream:
             header, size = stream.read(32), stream.seek(0, 2)
         page, count = (int.from_bytes(header[16:18]), int.from_bytes(header[28:32])) if len(header) == 32 else (1, 0)
@@ -84,7 +84,7 @@ class SqliteFile:
         self._cut = bool(page) and size < page * count and not _journal(path).exists()
         if not self._cut:
             return path
-        self._damage.note(f"byte {size}", f"the file ends here, and must have {page * count} bytes")
+        self._damage.note(f"byte {size}", f"the file ends here, it must have {page * count} bytes")
         copy = scratch / f"{path.name}.whole"
         shutil.copyfile(path, copy)
         with copy.open("r+b") as stream:
@@ -116,7 +116,7 @@ class SqliteFile:
 
 
 def _journal(path: Path) -> Path:
-    """Where a recorder that was killed left what is not yet in the file."""
+    """Returns where a recorder that was killed left what is not yet in the file."""
     return path.with_name(f"{path.name}-wal")
 
 

@@ -27,7 +27,7 @@ NO_DEFINITION = Definition()
 
 
 class Record(NamedTuple):
-    """A message as it stands in the bag."""
+    """A message of the bag, not decoded."""
 
     topic: str
     msgtype: str
@@ -56,12 +56,12 @@ class Damage:
         self._reasons: dict[str, str] = {}
 
     def note(self, place: str, reason: str) -> None:
-        """A place in the file, such as `byte 512`, and what is wrong there."""
+        """Notes what is wrong at a place in the file, such as `byte 512`."""
         self._reasons.setdefault(place, reason)
 
     @property
     def sentences(self) -> list[str]:
-        """One sentence, or none."""
+        """A list of one sentence, or of none."""
         if not self._reasons:
             return []
         (place, reason), *more = self._reasons.items()
@@ -71,14 +71,14 @@ class Damage:
 
 
 def full_type(name: str) -> str:
-    """`std_msgs/String`, as some writers have it, is `std_msgs/msg/String`."""
+    """Completes `std_msgs/String`, as some writers have it, to `std_msgs/msg/String`."""
     package, _, rest = name.partition("/")
     return f"{package}/msg/{rest}" if rest and "/" not in rest else name
 
 
 @cache
 def is_latched(qos: str) -> bool:
-    """Whether QoS profiles in YAML keep the last value: a name in new bags, 1 (transient local) in old ones."""
+    """Returns whether QoS profiles in YAML are transient-local: by name in new bags, as 1 in old ones."""
     try:
         profiles = yaml.safe_load(qos) or []
         return any(profile.get("durability") in ("transient_local", 1) for profile in profiles)
@@ -87,7 +87,7 @@ def is_latched(qos: str) -> bool:
 
 
 def unpacked(data: bytes) -> bytes:
-    """A message that rosbag2 compressed by itself (a CDR header never begins like this).
+    """Unpacks a message that rosbag2 compressed by itself (a CDR header never begins like one).
 
     Raises:
         ValueError: it cannot be decompressed, or is larger than any message.

@@ -1,4 +1,4 @@
-"""`uwloc hash`: whether two runs agree."""
+"""`uwloc hash`: hashes by which two runs are compared."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 from ..bag_and_graph import add_msg_path, read_bag
 from ..console import STDERR, damage_code
 
-HELP = "a hash per topic of what a bag says, whatever wrote it"
+HELP = "a hash per topic of a bag's messages, whatever program wrote them"
 
 
 def add(parser: ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def add(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Prints a hash per topic and one in all."""
+    """Prints a hash per topic and one of all."""
     from ...bag.fingerprint import fingerprints, overall
 
     bag = read_bag(options.bag, options)

@@ -4,94 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from ...config import param
 from ..geometry import wrap_angle
 from ..types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
 from .array_motion import ArrayMotion
-from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance
+from .config import BearingConfig
+from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance, lobe_width
 from .hydrophone_health import HydrophoneHealth
 from .listener import Heard, Listener, check_frame, check_info
-from .ping_schedule import Timing
-from .weighting import WEIGHTINGS
 
 _HEADING_STD = 0.03  # rad/s, errors of the odometry's turn and of all else that the motion model leaves out
 _LARGEST_SPREAD = 0.3  # rad per prediction; a few of them and a source may be anywhere
 _USEFUL = 0.3  # rad, standard deviation of a bearing that another filter may begin with
 _REMEMBERED = 5.0  # s for which clipping is reported
 _SHOWN = 200  # particles of a display cloud
-
-
-@dataclass(frozen=True)
-class BearingConfig:
-    """Parameters of the bearing estimator."""
-
-    source_ids: tuple[str, ...] = param(("a", "b", "c"), doc="names of the pingers, one per band")
-    band_low: tuple[float, ...] = param((18e3, 26e3, 34e3), unit="Hz", low=1.0, changeable=True, doc="one per source")
-    band_high: tuple[float, ...] = param((24e3, 32e3, 40e3), unit="Hz", low=1.0, changeable=True, doc="one per source")
-    filter: str = param("particle", choices=("none", "particle", "histogram"), changeable=True)
-    weighting: str = param("cc", choices=WEIGHTINGS, doc="of the cross-correlation, inside the band")
-    assumed_side: str = param("port", choices=("port", "starboard", "both"), doc="two hydrophones cannot tell")
-    array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
-    array_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="of the array in base_link")
-    sound_speed: float = param(0.0, unit="m/s", low=0.0, high=1650.0, doc="0 = from hydrophones/info")
-    sound_speed_std: float = param(1.2, unit="m/s", low=0.0, high=100.0, doc="its error is part of every variance")
-    elevation_std: float = param(0.05, unit="rad", low=0.0, high=1.5, doc="of the sources off the array's plane; alike")
-    phase_std: float = param(0.045, unit="rad", low=0.0, high=3.0, doc="of the carrier, by echoes: averaging leaves it")
-    height_std: float = param(0.02, low=0.0, high=1.0, doc="of a correlation maximum's relative height, by echoes")
-    peaks: int = param(
-        24, low=1, high=1000, doc="maxima used; Shin et al. use 4, too few for a band of 2 kHz at 25 kHz"
-    )
-    threshold: float = param(2.0, unit="dB", low=0.1, high=60.0, changeable=True, doc="of a ping over the noise floor")
-    pulse_length: float = param(0.01, unit="s", low=1e-4, high=1.0, doc="of the pings")
-    min_period: float = param(0.04, unit="s", low=1e-3, high=100.0, doc="shortest repetition of the pings")
-    max_period: float = param(12.0, unit="s", low=2e-3, high=1000.0, doc="longest repetition that is learnt")
-    learn_pings: int = param(5, low=3, high=12, doc="pings in a row that make a period")
-    max_speed: float = param(5.0, unit="m/s", low=0.0, high=100.0, doc="of approach; widens the next ping's window")
-    particles: int = param(2000, low=20, high=1_000_000, doc="at most, per source and side")
-    range_min: float = param(10.0, unit="m", low=0.1, doc="of a source")
-    range_max: float = param(100.0, unit="m", low=0.2, doc="of a source")
-    bearing_rate_std: float = param(0.2, unit="rad/s", low=0.0, high=10.0, doc="of a source, without odometry")
-    seed: int = param(1, low=0)
-
-    def __post_init__(self) -> None:
-        n = len(self.source_ids)
-        if n == 0 or len(set(self.source_ids)) < n:
-            raise ValueError(f"source_ids must be one or more different names, got {list(self.source_ids)}")
-        if len(self.band_low) != n or len(self.band_high) != n:
-            sizes = f"{len(self.band_low)} and {len(self.band_high)}"
-            raise ValueError(f"band_low and band_high must have {n} elements, one per source, got {sizes}")
-        for name, (low, high) in zip(self.source_ids, self.bands, strict=True):
-            if low >= high:
-                raise ValueError(f"band_low of source {name} must be below its band_high {high:g} Hz, got {low:g} Hz")
-        if len(self.array_position) != 3:
-            raise ValueError(f"array_position must have 3 elements, got {len(self.array_position)}")
-        if self.min_period >= self.max_period:
-            raise ValueError(f"min_period must be below max_period {self.max_period:g} s, got {self.min_period:g} s")
-        if self.range_min >= self.range_max:
-            raise ValueError(f"range_min must be below range_max {self.range_max:g} m, got {self.range_min:g} m")
-
-    @property
-    def bands(self) -> list[tuple[float, float]]:
-        """(low, high) per source, Hz."""
-        return list(zip(self.band_low, self.band_high, strict=True))
-
-    def timing(self, sound_speed: float) -> Timing:
-        """Of the pings. Half a pulse length of jitter: nearer echoes are not told apart from the ping anyway.
-
-        A period learnt while the source comes nearer changes by twice the speed when it goes away.
-        """
-        jitter, drift = 0.5 * self.pulse_length, 2.0 * self.max_speed / sound_speed
-        return Timing(jitter, drift, self.min_period, self.max_period, self.learn_pings)
-
-    @property
-    def sides(self) -> tuple[int, ...]:
-        """+1 for port, -1 for starboard."""
-        return {"port": (1,), "starboard": (-1,), "both": (1, -1)}[self.assumed_side]
-
 
 BearingFilter = LastPeak | HistogramFilter | ParticleFilter
 
@@ -123,13 +51,15 @@ class BearingEstimator:
     def __init__(self, config: BearingConfig, info: HydrophoneInfo) -> None:
         check_info(info)
         self._config, self._info = config, info
-        self._sound_speed = config.sound_speed or info.sound_speed
+        self._sound_speed = config.array.sound_speed or info.sound_speed
         max_lag = info.spacing / self._sound_speed
-        self.listener = Listener(info, config.bands, max_lag, config.pulse_length, config.timing(self._sound_speed))
-        self.tracks = [SourceTrack({s: self._filter(k, s) for s in config.sides}) for k in range(len(config.bands))]
+        timing, pulse_length = config.timing(self._sound_speed), config.detection.pulse_length
+        self.listener = Listener(info, config.bands, max_lag, pulse_length, timing)
+        sides, sources = config.array.sides, range(len(config.bands))
+        self.tracks = [SourceTrack({side: self._filter(k, side) for side in sides}) for k in sources]
         self._max_lag = max_lag
         self.health = HydrophoneHealth(info, _REMEMBERED)
-        self._motion = ArrayMotion(config.array_yaw, config.array_position)
+        self._motion = ArrayMotion(config.array.array_yaw, config.array.array_position)
         self.frames, self.begin_ns, self.end_ns = 0, 0, 0
 
     def check(self, config: BearingConfig) -> None:
@@ -161,7 +91,7 @@ class BearingEstimator:
         """(source, bearing) of every ping that ends in the frame, in time order per source, port before starboard."""
         c = self._config
         check_frame(frame)
-        heard = list(self.listener.hear(frame, c.threshold, c.weighting, c.peaks))
+        heard = list(self.listener.hear(frame, c.detection.threshold, c.correlation.weighting, c.correlation.peaks))
         self._count(frame)
         if not self.health.watch(frame):
             heard = []  # the other channel alone has no bearing
@@ -170,7 +100,7 @@ class BearingEstimator:
         present = {ping.source for ping in heard}
         for source, track in enumerate(self.tracks):
             if source not in present:  # one that is heard is brought up to date by its next ping
-                self._predict(track, self.end_ns - round(2e9 * c.pulse_length))
+                self._predict(track, self.end_ns - round(2e9 * c.detection.pulse_length))
 
     def cloud(self, source: int, t_ns: int) -> Particles | None:
         """At most 200 particles of a source in base_link, for display; None without a particle filter."""
@@ -181,8 +111,9 @@ class BearingEstimator:
         x = np.concatenate([xy[0, ::step] for _, xy, _ in clouds])
         y = np.concatenate([s * xy[1, ::step] for s, xy, _ in clouds])
         weight = np.concatenate([w[::step] / w[::step].sum() for _, _, w in clouds]) / len(clouds)
-        cos, sin = math.cos(self._config.array_yaw), math.sin(self._config.array_yaw)
-        px, py, pz = self._config.array_position
+        array = self._config.array
+        cos, sin = math.cos(array.array_yaw), math.sin(array.array_yaw)
+        px, py, pz = array.array_position
         z = np.full(x.size, pz)
         return Particles(t_ns, px + cos * x - sin * y, py + sin * x + cos * y, z, weight)
 
@@ -190,11 +121,12 @@ class BearingEstimator:
         c = self._config
         if c.filter == "none":
             return LastPeak()
+        lobe = lobe_width(self._info.spacing, self._sound_speed, sum(c.bands[source]) / 2)
         if c.filter == "histogram":
-            return HistogramFilter(self._info.spacing, self._sound_speed)
+            return HistogramFilter(self._info.spacing, self._sound_speed, lobe)
         rng = np.random.default_rng([c.seed, source, side + 1])
-        ranges = (c.range_min, c.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.particles, rng)
+        ranges = (c.source.range_min, c.source.range_max)
+        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe)
 
     def _successor(self, source: int, side: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
@@ -212,12 +144,12 @@ class BearingEstimator:
     def _bearings(self, ping: Heard) -> Iterator[tuple[int, Bearing]]:
         """The correlation tells the bearing at the ping's middle; the turn since its beginning is taken back."""
         track, c = self.tracks[ping.source], self._config
-        track.tdoa_std = c.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
-        likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.height_std, self._max_lag)
+        track.tdoa_std = c.noise.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
+        likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.noise.height_std, self._max_lag)
         track.pings += 1
-        track.clipped += bool(abs(ping.correlation.tdoas[0]) > self._max_lag)
+        track.clipped += bool(abs(ping.correlation.tdoas[0]) >= self._max_lag)
         track.snr_db = ping.snr_db
-        middle_ns = ping.t_ns + round(0.5e9 * c.pulse_length)
+        middle_ns = ping.t_ns + round(0.5e9 * c.detection.pulse_length)
         self._predict(track, middle_ns)
         track.heard_ns = middle_ns
         turn = self._motion.between(ping.t_ns, middle_ns).turn
@@ -225,16 +157,16 @@ class BearingEstimator:
             state.update(likelihood)
         for side, state in track.filters.items():
             theta, variance = state.estimate()
-            bearing = wrap_angle(c.array_yaw + side * theta + turn)
+            bearing = wrap_angle(c.array.array_yaw + side * theta + turn)
             honest = self._honest(theta, variance, track.tdoa_std)
-            yield ping.source, Bearing(ping.t_ns, bearing, honest, np.array(c.array_position))
+            yield ping.source, Bearing(ping.t_ns, bearing, honest, np.array(c.array.array_position))
 
     def _honest(self, theta: float, variance: float, tdoa_std: float) -> float:
         """The filter's variance, which averaging makes too small, with the errors that all pings share."""
         floor = angle_variance(theta, tdoa_std / self._max_lag)
         c = self._config
-        elevation = math.sqrt(3.0) / 2.0 * c.elevation_std**2  # root mean square of 1 - cos
-        scale = math.hypot(c.sound_speed_std / self._sound_speed, elevation)  # of cos(theta)
+        elevation = math.sqrt(3.0) / 2.0 * c.noise.elevation_std**2  # root mean square of 1 - cos
+        scale = math.hypot(c.noise.sound_speed_std / self._sound_speed, elevation)  # of cos(theta)
         return max(variance, floor) + angle_variance(theta, abs(math.cos(theta)) * scale)
 
     def _predict(self, track: SourceTrack, t_ns: int) -> None:
@@ -244,8 +176,9 @@ class BearingEstimator:
             return
         dt, since = (t_ns - track.state_ns) * 1e-9, (track.state_ns - track.heard_ns) * 1e-9 if track.heard_ns else 0.0
         step, c = self._motion.between(track.state_ns, t_ns), self._config
-        parallax = 0.0 if c.filter == "particle" else math.hypot(*step.move) / dt / (c.range_min * math.sqrt(3.0))
-        rate_std = math.hypot(_HEADING_STD, parallax, c.bearing_rate_std * math.sqrt(step.guessed))
+        nearest = c.source.range_min * math.sqrt(3.0)
+        parallax = 0.0 if c.filter == "particle" else math.hypot(*step.move) / dt / nearest
+        rate_std = math.hypot(_HEADING_STD, parallax, c.source.bearing_rate_std * math.sqrt(step.guessed))
         spread = min(rate_std * math.sqrt((since + dt) ** 2 - since**2), _LARGEST_SPREAD)
         for side, state in track.filters.items():
             state.predict(side * step.turn, (step.move[0], side * step.move[1]), spread)

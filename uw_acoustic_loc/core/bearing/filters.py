@@ -12,7 +12,7 @@ import numpy as np
 from ..types import AnyArray, Array
 from .tdoa_likelihood import PeakLikelihood
 
-__all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "angle_variance"]
+__all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "angle_variance", "lobe_width"]
 
 _LOST = 1e-3  # probability per ping that the source is not where the filter has it
 _SUSPICION = 1e-4  # of the weight
@@ -23,10 +23,10 @@ _STEP = 0.025  # rad of motion noise, at most, that waits for the ping: a quarte
 _POOR = 0.25  # of the particles count, and they are resampled
 _LARGEST = 0.01  # variance of a range's logarithm that a resampling adds
 _TINY = 1e-9
+_CORE = 2.5  # standard deviations of a wide lobe that its mean is taken from
 _BIN = math.radians(0.05)  # of the histogram; at broadside 0.35 us for 0.6 m
 _PER_DIRECTION, _LEAST = 100, 300  # particles: per half lobe with any weight, and in all
-_LOBE = math.radians(1.5)  # half width of what belongs to one maximum; carrier cycles lie further apart
-_BINS = math.ceil(2.0 * math.pi / _LOBE) + 1  # half a lobe each
+_LOBE = math.radians(1.5)  # half width of what belongs to one maximum, at least; carrier cycles lie further apart
 
 
 class LastPeak:
@@ -54,7 +54,8 @@ class LastPeak:
 class HistogramFilter:
     """Posterior over TDOAs at equal steps of angle, so that the vehicle's turn is a shift (Choi et al. 2016, eq. 5)."""
 
-    def __init__(self, spacing: float, sound_speed: float) -> None:
+    def __init__(self, spacing: float, sound_speed: float, lobe: float = _LOBE) -> None:
+        self._lobe = lobe
         self._theta = np.linspace(0.0, math.pi, round(math.pi / _BIN) + 1)
         self._tdoas = spacing / sound_speed * np.cos(self._theta)
         self._p = np.full(self._theta.size, 1.0 / self._theta.size)
@@ -77,7 +78,7 @@ class HistogramFilter:
     def estimate(self) -> tuple[float, float]:
         """Mean of the strongest lobe, and the mean square deviation of everything from it."""
         top = self._theta[int(np.argmax(self._p))]
-        return _lobe(self._theta, self._p, top)
+        return _lobe(self._theta, self._p, top, self._lobe)
 
 
 class ParticleFilter:
@@ -93,8 +94,15 @@ class ParticleFilter:
     """
 
     def __init__(
-        self, spacing: float, sound_speed: float, ranges: tuple[float, float], count: int, rng: np.random.Generator
+        self,
+        spacing: float,
+        sound_speed: float,
+        ranges: tuple[float, float],
+        count: int,
+        rng: np.random.Generator,
+        lobe: float = _LOBE,
     ) -> None:
+        self._lobe, self._bins = lobe, math.ceil(2.0 * math.pi / lobe) + 3  # half a lobe each
         self._spacing, self._sound_speed, self._ranges, self._rng = spacing, sound_speed, ranges, rng
         self._most = count
         self._noises = rng.standard_normal(max(_NOISES, 2 * count), np.float32)
@@ -144,13 +152,13 @@ class ParticleFilter:
         """Mean of the strongest lobe, and the mean square deviation of everything from it."""
         theta, bins = self._directions()
         lobes = bins[:-3] + bins[1:-2] + bins[2:-1] + bins[3:]
-        mean, variance = _lobe(theta, self._weights, (int(lobes.argmax()) + 2) * _LOBE / 2.0)
+        mean, variance = _lobe(theta, self._weights, (int(lobes.argmax()) + 2) * self._lobe / 2.0, self._lobe)
         return mean, variance + self._pending
 
     def _directions(self) -> tuple[AnyArray, Array]:
         """(n,) angles, and the weight in each half lobe."""
         theta = np.arctan2(self._xy[1], self._xy[0])
-        weights = np.bincount((theta * (2.0 / _LOBE)).astype(np.intp), self._weights, _BINS)
+        weights = np.bincount((theta * (2.0 / self._lobe)).astype(np.intp), self._weights, self._bins)
         return theta, np.asarray(weights, dtype=np.float64)
 
     def _follow(self, likelihood: PeakLikelihood) -> AnyArray:
@@ -232,16 +240,29 @@ def angle_variance(theta: float, cosine_std: float) -> float:
     return (cosine_std / slope) ** 2
 
 
-def _lobe(theta: AnyArray, weights: AnyArray, top: float) -> tuple[float, float]:
+def lobe_width(spacing: float, sound_speed: float, frequency: float) -> float:
+    """Half width in rad of what belongs to one maximum: at broadside a quarter of a carrier cycle."""
+    return max(_LOBE, sound_speed / (4.0 * frequency * spacing))
+
+
+def _lobe(theta: AnyArray, weights: AnyArray, top: float, width: float) -> tuple[float, float]:
     """Mean within the lobe, and the mean square deviation of everything from it.
 
     Up to _SUSPICION elsewhere is what every ping leaves to a source that was lost, and no evidence of it.
     """
-    inside = weights * (np.abs(theta - top) <= _LOBE)
-    share = float(inside.sum())
-    mean = float(inside @ theta) / share
+    mean, share, inside = _inside(theta, weights, top, width)
+    if width > _LOBE:  # it holds much of what stands for outliers
+        spread = math.sqrt(float(inside @ np.square(theta - mean)) / share)
+        mean, share, inside = _inside(theta, weights, mean, min(max(_CORE * spread, _LOBE), width))
     off = theta - mean
     return mean, float((weights if share < 1.0 - _SUSPICION else inside) @ (off * off))
+
+
+def _inside(theta: AnyArray, weights: AnyArray, top: float, width: float) -> tuple[float, float, AnyArray]:
+    """Mean and share of the weights within a width of the top, and those weights."""
+    inside = weights * (np.abs(theta - top) <= width)
+    share = float(inside.sum())
+    return float(inside @ theta) / share, share, inside
 
 
 def _normalised(p: Array) -> Array:

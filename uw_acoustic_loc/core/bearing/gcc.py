@@ -22,7 +22,6 @@ from .weighting import SILENCE, bin_weights
 Complex = NDArray[np.complexfloating[Any, Any]]
 
 _LAGS_PER_CYCLE = 10  # of the highest frequency in any band
-_EDGE = 4  # grid steps beyond the array's largest lag, where the maximum of a source at end-fire may lie
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
 _BLOCK = 0.08  # cycles that bins summed before the correlation may turn at the largest lag
 _TAPER = 32  # samples at both ends of a block that are faded, against leakage from one band into another
@@ -131,9 +130,9 @@ class Correlator:
         self._omega_2 = np.square(self._omega, dtype=np.float64) * self._inside
         self._noise_scale = (splitter.rate / splitter.noise_width).tolist()  # of a bin's, per envelope power and sample
         self._count, self._white = self._inside.sum(axis=1).tolist(), self._omega_2.sum(axis=1).tolist()
-        self._step = 1.0 / (_LAGS_PER_CYCLE * float(splitter.bands.max()))
-        steps = math.ceil(max_lag / self._step) + _EDGE
-        self.lags = np.asarray(np.arange(-steps, steps + 1) * self._step, dtype=np.float64)
+        steps = math.ceil(max_lag * _LAGS_PER_CYCLE * float(splitter.bands.max()))
+        self._max_lag, self._step = max_lag, max_lag / steps
+        self.lags = np.asarray(np.arange(-steps - 1, steps + 2) * self._step, dtype=np.float64)
         block = max(int(_BLOCK * self._length / (splitter.rate * max_lag)), 1)
         self._blocks = np.arange(0, self._omega.shape[1], block)
         self._tables, self._moments = self._lag_tables(block), self._moment_tables()
@@ -191,33 +190,27 @@ class Correlator:
         return found
 
     def _maxima(self, values: AnyArray, count: int) -> list[Array]:
-        """Per row (2, P): lags and heights of the strongest local maxima, the strongest first.
+        """Per row (2, P): lags and heights of the strongest maxima over the possible lags, the strongest first.
 
-        Parabolas are compared: the raw grid would favour some maxima. They leave tens of ns, a tenth of what echoes do.
+        The largest lag itself is one if the correlation still rises there: a maximum beyond it is no source's, and with
+        elements half a wavelength apart the next carrier cycle would win. Parabolas are compared: the raw grid would
+        favour some maxima. They leave tens of ns, a tenth of what echoes do.
         """
-        flat, width = values.ravel(), self.lags.size
-        rise = flat[1:] - flat[:-1]
+        rise = np.diff(values)
         falls = rise < 0
-        is_top = falls[1:] > falls[:-1]
-        is_top[width - 2 :: width] = is_top[width - 1 :: width] = False  # where rows meet
-        before = is_top.nonzero()[0]
-        top = before + 1
-        up, down = rise.take(before), rise.take(top)
-        slope = up + down
-        offset = slope / (up - down)
-        both = np.empty((2, top.size))
-        np.add(self.lags.take(top, mode="wrap"), (0.5 * self._step) * offset, out=both[0])
-        np.add(flat.take(top), 0.125 * slope * offset, out=both[1])
-        ends = top.searchsorted(np.arange(0, flat.size + 1, width)).tolist()
-        found = []
-        for row, (a, b) in zip(values, pairwise(ends), strict=True):
-            best = both[1, a:b].argsort()[: -count - 1 : -1] + a
-            found.append(both.take(best, axis=1) if a < b else self._edge(row))
-        return found
+        falls[:, 0], falls[:, -1] = False, True
+        row, before = (falls[:, 1:] > falls[:, :-1]).nonzero()
+        up, down = rise[row, before], rise[row, before + 1]
+        slope, bend = up + down, up - down
+        offset = np.where((up >= 0) & (down <= 0) & (bend > 0), slope / np.where(bend > 0, bend, 1), 0.0)
+        both = np.empty((2, row.size))
+        both[0] = self._limited(self.lags.take(before + 1) + (0.5 * self._step) * offset)
+        both[1] = values[row, before + 1] + 0.125 * slope * offset
+        ends = row.searchsorted(np.arange(len(values) + 1)).tolist()
+        return [both.take(both[1, a:b].argsort()[: -count - 1 : -1] + a, axis=1) for a, b in pairwise(ends)]
 
-    def _edge(self, values: AnyArray) -> Array:
-        """What stands for the maxima of a correlation that has none."""
-        return np.array([[self.lags[int(values.argmax())]], [1.0]])
+    def _limited(self, lags: Array) -> Array:
+        return np.minimum(np.maximum(lags, -self._max_lag), self._max_lag)
 
     def _refined(
         self,
@@ -230,13 +223,13 @@ class Correlator:
         """The strongest maximum by a Newton step, its standard deviation, and the signal to noise ratio."""
         (tdoas, heights), (height, slope, curvature) = maxima, moments
         height, curvature = max(height, SILENCE), max(curvature, SILENCE)
-        tdoas[0] += min(max(slope / curvature, -self._step), self._step)
+        tdoas[0] = self._limited(tdoas[0] + min(max(slope / curvature, -self._step), self._step))
         signal, white, level = powers or (curvature, self._white[piece.band], height)
         m = piece.samples.shape[1]
         noise = piece.noise_power * self._noise_scale[piece.band] * m
         std = self._std(noise, max(signal, 0.0), white, curvature) * math.sqrt(self._length / m)
         snr = level / (self._count[piece.band] * noise)
-        return Correlation(self.lags, values, tdoas, heights / heights[0], curvature / height, std, snr)
+        return Correlation(self.lags, values, tdoas, heights / max(heights[0], SILENCE), curvature / height, std, snr)
 
     def _std(self, noise: float, signal: float, white: float, curvature: float) -> float:
         """First-order error of the maximum, all bins independent; for `cc` and a flat band the Cramer-Rao bound."""

@@ -59,9 +59,13 @@ class PeakLikelihood:
         return np.asarray(height * np.exp(-0.5 * np.square(off / self.std)) + self.floor)
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """(count,) TDOAs of a source that may be anywhere; stratified."""
+        """(count,) TDOAs of a source that may be anywhere; stratified.
+
+        What falls beyond the largest lag is folded back: heaped up there it would outweigh everything near end-fire.
+        """
         choice = self.weights.cumsum()[:-1].searchsorted(np.arange(rng.random(), count) / count)
         drawn = self.tdoas.take(choice) + self.std * rng.standard_normal(count)
         anywhere = drawn[:: round(1.0 / _OUTLIER)]
         anywhere[:] = rng.uniform(-self.max_lag, self.max_lag, anywhere.size)
-        return np.minimum(np.maximum(drawn, -self.max_lag), self.max_lag)
+        folded = np.where(np.abs(drawn) > self.max_lag, np.copysign(2.0 * self.max_lag, drawn) - drawn, drawn)
+        return np.minimum(np.maximum(folded, -self.max_lag), self.max_lag)

@@ -24,6 +24,7 @@ class MooringConfig:
     stiffness: float = param(1.0, unit="N/m", low=0)
     force: float = param(0.5, unit="N", doc="constant")
     initial_offset: float = param(0.0, unit="m")
+    max_offset: float = param(1000.0, unit="m", low=1e-3, doc="no mooring goes further: beyond it a filter restarts")
     initial_std: float = param(2.0, unit="m", low=0)
     initial_velocity_std: float = param(1.0, unit="m/s", low=0)
     process_std: float = param(0.05, unit="m", low=0, doc="random motion of the offset in one process_period")
@@ -46,6 +47,10 @@ class MooringConfig:
     def __post_init__(self) -> None:
         if len(set(self.mooring_ids)) < max(len(self.mooring_ids), 1) or "" in self.mooring_ids:
             raise ValueError(f"mooring_ids must be distinct names, at least one, got {list(self.mooring_ids)}")
+        if abs(self.initial_offset) > self.max_offset:
+            raise ValueError(
+                f"initial_offset must be within max_offset {self.max_offset:g} m, got {self.initial_offset:g} m"
+            )
         if self.mass == 0 and self.damping == 0:
             raise ValueError("mass and damping must not both be 0")
         if self.noise == "learnt" and self.filter != "particle":
@@ -59,7 +64,7 @@ class MooringConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class MooringStep:
     """The discrete system over one time step: [x v] -> F [x v] + drive + noise of covariance Q."""
 
     F: Array  # (2, 2)
@@ -94,15 +99,15 @@ def expm(A: Array) -> Array:
 
 
 @lru_cache(maxsize=256)
-def step_of(config: MooringConfig, dt: float) -> Step:
+def step_of(config: MooringConfig, dt: float) -> MooringStep:
     """The system over dt s; a gap of several periods is as many steps, so that missed measurements change nothing."""
     count = max(1, round(dt / config.process_period))
     F, drive = discretise(config.mass, config.damping, config.stiffness, config.force, dt / count)
     Q = np.diag([config.process_std**2 * dt / count / config.process_period, 0.0])
-    return _repeated(Step(F, drive, Q), count)
+    return _repeated(MooringStep(F, drive, Q), count)
 
 
-def _repeated(step: Step, count: int) -> Step:
+def _repeated(step: MooringStep, count: int) -> MooringStep:
     if count == 1:
         return step
     half = _repeated(step, count // 2)
@@ -110,8 +115,8 @@ def _repeated(step: Step, count: int) -> Step:
     return _then(whole, step) if count % 2 else whole
 
 
-def _then(a: Step, b: Step) -> Step:
-    return Step(b.F @ a.F, b.F @ a.drive + b.drive, b.F @ a.Q @ b.F.T + b.Q)
+def _then(a: MooringStep, b: MooringStep) -> MooringStep:
+    return MooringStep(b.F @ a.F, b.F @ a.drive + b.drive, b.F @ a.Q @ b.F.T + b.Q)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array
-from .model import ToaConfig, arrival_times, by_emission, motion, process_noise
+from .config import ToaConfig
+from .model import arrival_times, by_emission, motion, process_noise
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def track_bound(tracks: Array, images: Array, prior: Array, noise: PingNoise, co
         gained = np.mean([ping_information(state, images, noise) for state in states], axis=0)
         cov = np.linalg.inv(np.linalg.inv(cov) + gained)
         bounds.append(cov)
-        cov = F @ cov @ F.T + process_noise(dt, config)
+        cov = F @ cov @ F.T + process_noise(dt, config.process)
     return np.array(bounds)
 
 

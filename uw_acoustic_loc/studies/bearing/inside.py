@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...core.bearing.estimator import BearingConfig, BearingEstimator
+from ...core.bearing.config import BearingConfig
+from ...core.bearing.estimator import BearingEstimator
 from ...core.bearing.filters import HistogramFilter, ParticleFilter, PeakLikelihood
 from ...core.bearing.gcc import BandSplitter, Correlation
 from ...core.bearing.ping import DB, log_energies
@@ -18,7 +19,7 @@ from ...resources import resource
 from ...sim.hydrophones import HydrophoneSource
 from ...sim.scenario import load_scenario
 from . import trials
-from .trials import FRAME_NS, NARROW, Case
+from .trials import FRAME_NS, NARROW, MultipathChannel
 
 US = 1e6
 SHOWN_PEAKS = 4  # Shin et al. 2013
@@ -63,12 +64,12 @@ def _info(source: HydrophoneSource) -> HydrophoneInfo:
 def _band(axis: Any, level: AnyArray, rate: float, begins: list[float]) -> None:
     """Level (dB) of one band over the mean of one channel's noise, and the pings that begin at the given ms."""
     config = BearingConfig()
-    window = round(config.pulse_length * rate)
+    window = round(config.detection.pulse_length * rate)
     mean = np.convolve(level - DB * (math.log(2.0) + 1.0 - np.euler_gamma), np.full(window, 1.0 / window), "valid")
     axis.plot((np.arange(mean.size) + window / 2) / rate * 1e3, mean, color=BLUE, label="level over the noise floor")
-    axis.axhline(config.threshold, color=RED, linestyle="--", linewidth=1.0, label="threshold")
+    axis.axhline(config.detection.threshold, color=RED, linestyle="--", linewidth=1.0, label="threshold")
     for begin in begins:
-        end = begin + config.pulse_length * 1e3
+        end = begin + config.detection.pulse_length * 1e3
         axis.axvspan(begin, end, color=ORANGE, alpha=0.3, linewidth=0, label="ping")
 
 
@@ -98,22 +99,23 @@ def correlations(seed: int) -> Picture:
     return picture("Correlation, maxima and likelihood", caption, figure)
 
 
-def _misleading(case: Case, seed: int) -> tuple[Correlation, float]:
+def _misleading(case: MultipathChannel, seed: int) -> tuple[Correlation, float]:
     """The first ping at 70 degrees whose strongest maximum is a gross error, and the true TDOA."""
     scene, config = case.scene, BearingConfig()
     truth, rng = scene.tdoa(AZIMUTH), np.random.default_rng([seed, _ONE_PING])
+    threshold, peaks = config.detection.threshold, config.correlation.peaks
     off = math.radians(trials.GROSS_DEG) * scene.spacing / scene.sound_speed
     while True:
         listener, frame = trials.estimator(scene, "none", seed).listener, scene.frame(AZIMUTH, case.snr_db, rng)
-        for heard in listener.hear(frame, config.threshold, config.weighting, config.peaks):
+        for heard in listener.hear(frame, threshold, config.correlation.weighting, peaks):
             if abs(heard.correlation.tdoas[0] - truth) > off:
                 return heard.correlation, truth
 
 
-def _likelihood(found: Correlation, case: Case) -> PeakLikelihood:
+def _likelihood(found: Correlation, case: MultipathChannel) -> PeakLikelihood:
     config, scene = BearingConfig(), case.scene
-    shared = config.phase_std / math.sqrt(found.curvature)
-    return PeakLikelihood.of(found, shared, config.height_std, scene.spacing / scene.sound_speed)
+    shared = config.noise.phase_std / math.sqrt(found.curvature)
+    return PeakLikelihood.of(found, shared, config.noise.height_std, scene.spacing / scene.sound_speed)
 
 
 def clouds(seed: int) -> Picture:
@@ -129,8 +131,8 @@ def clouds(seed: int) -> Picture:
     legend_below(figure, axes[0, 1])
     caption = (
         "Particles of one pinger, 24 to 26 kHz, in the half plane that the node assumes. A ping leaves one ray per "
-        "carrier cycle; time settles which (Shin et al. 2013, fig. 3 and 8). Two hydrophones tell no range: where "
-        "along the ray the particles lie is the prior's range, not a measurement."
+        "carrier cycle; time settles which (Shin et al. 2013, fig. 3 and 8). Two hydrophones do not observe the range: "
+        "where along the ray the particles lie is the prior's range, not a measurement."
     )
     return picture("The particle cloud", caption, figure)
 
@@ -171,7 +173,7 @@ def posteriors(seed: int) -> Picture:
     return picture("Posterior over the TDOA", caption, figure)
 
 
-def _after(filter_: str, case: Case, seed: int, count: int) -> Iterator[tuple[int, object]]:
+def _after(filter_: str, case: MultipathChannel, seed: int, count: int) -> Iterator[tuple[int, object]]:
     """(pings, filter) before the first ping and after each."""
     rng = np.random.default_rng([seed, _FEW_PINGS])
     scene, node = case.scene, trials.estimator(case.scene, filter_, seed)

@@ -18,15 +18,15 @@ RUNS = 1000
 Found = Mapping[float, Mapping[str, Tracked]]  # by fraction of impulses, by filter
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     found: dict[float, dict[str, Tracked]] = {}
     shaken: dict[float, dict[str, Tracked]] = {}
     for fraction in trials.FRACTIONS:
         truth = trials.simulate(fraction, runs, seed)
         found[fraction] = {name: trials.track(name, fraction, truth, seed) for name in trials.FILTERS}
         shaken[fraction] = _shaken(fraction, runs, seed)
-        tell(len(found) / len(trials.FRACTIONS))
+        progress(len(found) / len(trials.FRACTIONS))
     sheets = {"table2": _paper_sheet(found), "filters": _filter_sheet(found), "nees": _nees_sheet(found)}
     sheets["shaken"] = _shaken_sheet(shaken)
     return Outcome({"table": [_row(*item) for item in found.items()]}, sheets, _TEXT.format(runs=runs, seed=seed))

@@ -36,10 +36,10 @@ SCENARIO = Scenario(vehicle=_BOAT, pingers=PINGERS, duration=195.0)
 
 @dataclass(frozen=True)
 class NoiseCase:
-    """The correlation of the bearings' errors, and the correlation time in s that the filter is told."""
+    """The correlation of the bearings' errors, and the correlation time in s that the filter assumes."""
 
     correlation: float
-    told: float
+    assumed: float
 
 
 WHITE = NoiseCase(0.0, 0.0)
@@ -88,19 +88,19 @@ class End:
     drift: float  # m, of the dead reckoning at the end
 
 
-def ends(case: NoiseCase, runs: int, seed: int, tell: Callable[[float], None]) -> list[End]:
-    """Runs with a seed of their own each; `tell` gets the share that is done."""
+def ends(case: NoiseCase, runs: int, seed: int, progress: Callable[[float], None]) -> list[End]:
+    """Runs with a seed of their own each; `progress` gets the share that is done."""
     found = []
     for k in range(runs):
         found.append(end(trial(case, k, seed)))
-        tell((k + 1) / runs)
+        progress((k + 1) / runs)
     return found
 
 
 def trial(case: NoiseCase, run: int, seed: int) -> SlamRun:
     """One run with its history."""
     scenario = replace(SCENARIO, seed=int(np.random.SeedSequence([seed, run]).generate_state(1)[0]))
-    config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.told, range_max=RANGE_MAX)
+    config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.assumed, range_max=RANGE_MAX)
     passes, frame = SlamPasses(config), _Frame()
     heard: dict[str, list[tuple[float, float]]] = {name: [] for name in PLACES}
     snapshots, reckoned, truth = [], [], []

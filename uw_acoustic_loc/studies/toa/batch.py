@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.toa.model import STATES, ToaConfig, process_noise
+from ...core.toa.config import ToaConfig
+from ...core.toa.model import STATES, process_noise
 from ...core.types import Array
 
-_ORDER = [0, 1, 2, 6, 3, 4, 5]  # inside: position and sound speed first, of which alone the arrivals tell
+_ORDER = [0, 1, 2, 6, 3, 4, 5]  # inside: position and sound speed first, which alone the arrivals observe
 _BACK = [0, 1, 2, 4, 5, 6, 3]
 _P, _SEEN, _V = slice(0, 3), slice(0, 4), slice(4, 7)
 
@@ -43,7 +44,7 @@ class ToaBatch:
         self._x[_P] += dt * self._x[_V]
         self._P[_P] += dt * self._P[_V]
         self._P[:, _P] += dt * self._P[:, _V]
-        Q = process_noise(dt, self._config)[np.ix_(_ORDER, _ORDER)]
+        Q = process_noise(dt, self._config.process)[np.ix_(_ORDER, _ORDER)]
         for i, j in np.argwhere(Q).tolist():
             self._P[i, j] += Q[i, j]
 
@@ -69,7 +70,7 @@ class ToaBatch:
         g: Array = np.einsum("am,ajm->jm", h, self._P[_SEEN])
         S = np.einsum("am,am->m", h, g[_SEEN]) + noise
         innovation = late - np.einsum("am,am->m", h, change[_SEEN])
-        used = innovation * innovation <= self._config.gate_sigma**2 * S
+        used = innovation * innovation <= self._config.arrivals.gate_sigma**2 * S
         root = used / np.sqrt(S)
         g *= root
         change += g * (np.where(used, innovation, 0.0) * root)

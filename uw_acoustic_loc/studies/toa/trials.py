@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...config import changed, configured
 from ...core.toa.bound import PingNoise, track_bound
+from ...core.toa.config import ToaConfig
 from ...core.toa.model import BIAS_STD
-from ...core.toa.paths import Net, make_net
+from ...core.toa.paths import ReceiverNet, make_net
 from ...core.toa.solver import cold_prior
-from ...core.toa.tracker import ToaConfig, ToaTracker
+from ...core.toa.tracker import ToaTracker
 from ...core.types import Array, Arrivals
 from .batch import ToaBatch
 from .result import Result
@@ -48,7 +50,8 @@ class Variant:
     @property
     def config(self) -> ToaConfig:
         """The tracker's, with the noise that the truth has."""
-        return ToaConfig(
+        return configured(
+            ToaConfig,
             emission=self.emission,
             bottom_depth=DEPTH if Arrivals.BOTTOM in self.paths else 0.0,
             sound_speed_walk=WALK,
@@ -57,9 +60,9 @@ class Variant:
         )
 
     @property
-    def net(self) -> Net:
+    def net(self) -> ReceiverNet:
         """The buoys with the images of the paths that are heard."""
-        return make_net(IDS, BUOYS, self.config.bottom_depth)
+        return make_net(IDS, BUOYS, self.config.water.bottom_depth)
 
 
 VARIANTS = {
@@ -104,7 +107,7 @@ def arrivals(variant: Variant, states: Array, rng: np.random.Generator) -> list[
     return [Arrivals(round((1 + k * DT) * 1e9), receiver, path, heard, same, same) for k, heard in enumerate(time)]
 
 
-def trial(variant: Variant, runs: int, seed: int, tell: Callable[[float], None]) -> Result:
+def trial(variant: Variant, runs: int, seed: int, progress: Callable[[float], None]) -> Result:
     """The node's own tracker on every run. The random numbers of truth and start are the same for all variants."""
     truth = truths(runs, seed)
     mean, cov = np.full(truth.shape, np.nan), np.full((*truth.shape, 7), np.nan)
@@ -113,7 +116,7 @@ def trial(variant: Variant, runs: int, seed: int, tell: Callable[[float], None])
         for k, heard in enumerate(_heard(variant, states, run, seed)):
             if estimate := tracker.update(heard):
                 mean[run, k], cov[run, k] = estimate.mean, estimate.cov
-        tell((run + 1) / runs)
+        progress((run + 1) / runs)
     return Result(truth, mean, cov, bound(variant, truth))
 
 
@@ -132,7 +135,7 @@ def published(outliers: float, gate_sigma: float, runs: int, seed: int) -> Resul
     starts = [_start(variant, states, run, seed) for run, states in enumerate(truth)]
     heard = [_heard(variant, states, run, seed) for run, states in enumerate(truth)]
     cov = np.repeat(np.diag(np.square(variant.prior))[..., None], runs, axis=2)
-    batch = ToaBatch(np.transpose(starts), cov, dataclasses.replace(variant.config, gate_sigma=gate_sigma))
+    batch = ToaBatch(np.transpose(starts), cov, changed(variant.config, gate_sigma=gate_sigma))
     means, covs = [], []
     for k in range(PINGS):
         if k:
@@ -158,7 +161,7 @@ def _started(variant: Variant, start: Array) -> ToaConfig:
     if not start.size:
         return variant.config
     mean = start.tolist()
-    return dataclasses.replace(
+    return changed(
         variant.config,
         cold_start=False,
         initial_position=tuple(mean[:3]),
