@@ -106,7 +106,7 @@ def test_odometry_carries_the_bearing_through_a_turn(filter_):
         still, turn = np.zeros(3), np.array([0.0, 0.0, 0.4])
         estimator.move(Odometry(T0 + k * 10**8, still, quat_from_yaw(0.4 * (k - 4) * 0.1), still, turn))
         list(estimator.process(silence(k)))
-    (state,) = estimator.tracks[0].filters.values()
+    state = estimator.tracks[0].filter
     elapsed = (estimator.tracks[0].state_ns - T0) * 1e-9 - 0.36
     assert state.estimate()[0] == pytest.approx(1.5 - 0.4 * elapsed, abs=0.03)
 
@@ -195,8 +195,7 @@ def test_another_filter_begins_with_the_last_ones_estimate(before, after):
     for k in range(4):
         list(estimator.process(frame(k, 1.1)))
     estimator.change(replace(config, filter=after))
-    for state in estimator.tracks[0].filters.values():
-        assert state.estimate()[0] == pytest.approx(1.1, abs=0.01)
+    assert estimator.tracks[0].filter.estimate()[0] == pytest.approx(1.1, abs=0.01)
     found = [b.bearing for _, b in estimator.process(frame(4, 1.1))]
     assert found == pytest.approx([1.1, -1.1], abs=0.005)
 

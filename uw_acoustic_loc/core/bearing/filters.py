@@ -1,6 +1,7 @@
 """Filters that carry what pings say about the TDOA from one to the next.
 
-A filter sees one half plane: angles theta in [0, pi] from the array's +x towards the assumed side.
+They estimate the angle theta in [0, pi] between the array's +x and the source. A turn of the vehicle makes it larger or
+smaller, as the source lies to starboard or to port, so both sides are carried until turns have settled it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ __all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "a
 
 _LOST = 1e-3  # probability per ping that the source is not where the filter has it
 _SUSPICION = 1e-4  # of the weight
+_WIDE_DOUBT = 0.02  # share elsewhere that a lobe alone in its array may leave out of its variance
 _SEARCHERS = 20
 _SEARCH = 4  # pings from one search to the next, unless a ping comes as a surprise
 _NOISES = 1 << 16  # drawn at the start, at least
@@ -30,14 +32,15 @@ _LOBE = math.radians(1.5)  # half width of what belongs to one maximum, at least
 
 
 class LastPeak:
-    """No filter: the strongest maximum of the last ping."""
+    """No filter: the strongest maximum of the last ping, carried on by turns as on the assumed side (1 = port)."""
 
-    def __init__(self) -> None:
+    def __init__(self, side: int = 1) -> None:
+        self._side = side
         self._theta, self._variance = math.pi / 2, math.pi**2 / 12
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         del move
-        self._theta = min(max(self._theta - turn, 0.0), math.pi)
+        self._theta = min(max(self._theta - self._side * turn, 0.0), math.pi)
         self._variance = min(self._variance + spread**2, math.pi**2 / 12)
 
     def update(self, likelihood: PeakLikelihood) -> None:
@@ -56,29 +59,36 @@ class HistogramFilter:
 
     def __init__(self, spacing: float, sound_speed: float, lobe: float = _LOBE) -> None:
         self._lobe = lobe
-        self._theta = np.linspace(0.0, math.pi, round(math.pi / _BIN) + 1)
+        half = round(math.pi / _BIN)
+        self._theta = np.linspace(0.0, math.pi, half + 1)
+        self._folded = np.abs(
+            np.arange(2 * half) - half
+        )  # bin of the half circle, to which a bin of the circle belongs
         self._tdoas = spacing / sound_speed * np.cos(self._theta)
-        self._p = np.full(self._theta.size, 1.0 / self._theta.size)
+        self._p = np.full(2 * half, 1.0 / (2 * half))  # over the circle, from -pi
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         """The array turns by `turn`; the effect of its `move` is in the spread, the range being unknown."""
         del move
-        p = np.interp(self._theta + turn, self._theta, self._p, left=0.0, right=0.0)
-        bins = min(spread / _BIN, p.size / 8)
+        shift, n = turn / _BIN, self._p.size
+        whole = math.floor(shift)
+        p = np.roll(self._p, -whole)
+        p += (shift - whole) * (np.roll(p, -1) - p)
+        bins = min(spread / _BIN, n / 16)
         if bins > 0.1:
             k = np.arange(-math.ceil(4 * bins), math.ceil(4 * bins) + 1)
             kernel = np.exp(-0.5 * (k / bins) ** 2)
-            p = np.convolve(p, kernel / kernel.sum(), "same")
+            p = np.convolve(np.pad(p, k[-1], "wrap"), kernel / kernel.sum(), "valid")
         self._p = _normalised(p)
 
     def update(self, likelihood: PeakLikelihood) -> None:
         prior = (1.0 - _LOST) * self._p + _LOST / self._p.size
-        self._p = _normalised(prior * likelihood.at(self._tdoas))
+        self._p = _normalised(prior * likelihood.at(self._tdoas).take(self._folded))
 
     def estimate(self) -> tuple[float, float]:
         """Mean of the strongest lobe, and the mean square deviation of everything from it."""
-        top = self._theta[int(np.argmax(self._p))]
-        return _lobe(self._theta, self._p, top, self._lobe)
+        p = np.bincount(self._folded, self._p)
+        return _lobe(self._theta, p, self._theta[int(np.argmax(p))], self._lobe)
 
 
 class ParticleFilter:
@@ -123,7 +133,6 @@ class ParticleFilter:
             cos, sin = math.cos(turn), math.sin(turn)
             back = np.array([[cos, sin], [-sin, cos]], np.float32)
             self._xy = back @ (self._xy - np.array(move, np.float32)[:, None])
-            np.abs(self._xy[1], out=self._xy[1])
         self._outward += spread**2
         total = self._pending + spread**2
         self._pending = min(total, _STEP**2)
@@ -157,7 +166,7 @@ class ParticleFilter:
 
     def _directions(self) -> tuple[AnyArray, Array]:
         """(n,) angles, and the weight in each half lobe."""
-        theta = np.arctan2(self._xy[1], self._xy[0])
+        theta = np.arctan2(np.abs(self._xy[1]), self._xy[0])
         weights = np.bincount((theta * (2.0 / self._lobe)).astype(np.intp), self._weights, self._bins)
         return theta, np.asarray(weights, dtype=np.float64)
 
@@ -172,7 +181,7 @@ class ParticleFilter:
         scale = 2.0 * self._spacing / self._sound_speed / (np.sqrt(square + cross) + np.sqrt(square - cross))
         share, off = likelihood.nearest(x * scale)
         least = likelihood.max_lag * math.sqrt(self._pending) + _TINY  # at end-fire
-        slope = np.maximum(y * scale, least)  # of the TDOA with the angle, downwards
+        slope = np.maximum(np.abs(y) * scale, least)  # of the TDOA with the angle, downwards
         prior = slope * slope * self._pending
         both = prior + likelihood.std**2
         peak = share / np.sqrt(both * (2.0 * math.pi)) * np.exp(off * off / (both * -2.0))
@@ -190,9 +199,10 @@ class ParticleFilter:
     def _turn_by(self, tan: AnyArray) -> None:
         """Turns the particles towards the array's +x, and moves them out by 1 / cos: nothing, for small angles."""
         x, y = self._xy
+        tan = np.copysign(tan, tan * y)
         turned = np.empty_like(self._xy)
         np.add(x, tan * y, out=turned[0])
-        np.abs(y - tan * x, out=turned[1])
+        np.subtract(y, tan * x, out=turned[1])
         self._xy = turned
 
     def _search(self, likelihood: PeakLikelihood) -> None:
@@ -208,6 +218,7 @@ class ParticleFilter:
         r = np.sqrt(self._rng.uniform(near**2, far**2, cosines.size))
         xy = np.empty((2, r.size), np.float32)
         xy[0], xy[1] = r * cosines, r * np.sqrt(1.0 - cosines * cosines)
+        xy[1, 1::2] *= -1.0
         return xy
 
     def _resample_if_poor(self) -> None:
@@ -255,7 +266,8 @@ def _lobe(theta: AnyArray, weights: AnyArray, top: float, width: float) -> tuple
         spread = math.sqrt(float(inside @ np.square(theta - mean)) / share)
         mean, share, inside = _inside(theta, weights, mean, min(max(_CORE * spread, _LOBE), width))
     off = theta - mean
-    return mean, float((weights if share < 1.0 - _SUSPICION else inside) @ (off * off))
+    doubt = _SUSPICION if width <= _LOBE else _WIDE_DOUBT
+    return mean, float((weights if share < 1.0 - doubt else inside) @ (off * off))
 
 
 def _inside(theta: AnyArray, weights: AnyArray, top: float, width: float) -> tuple[float, float, AnyArray]:
