@@ -52,6 +52,7 @@ setup(
         "mcap>=1.5,<2",
         "lz4>=3",  # these two: what mcap compresses with
         "zstandard>=0.20",
+        "soundfile>=0.12,<1",
     ],
     extras_require={
         # rclpy and the standard messages, for machines without a ROS 2 distribution

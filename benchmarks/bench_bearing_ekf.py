@@ -7,7 +7,6 @@ usually written; ours is in log-polar coordinates. Inputs are converted to each 
 
 from __future__ import annotations
 
-import cmath
 import datetime
 import importlib.util
 import math
@@ -22,7 +21,7 @@ import numpy as np
 from timing import Row, in_turn, report
 
 from uw_acoustic_loc.core.localizer.bearing_ekf import single_start
-from uw_acoustic_loc.core.localizer.log_polar import corrected, seen_from
+from uw_acoustic_loc.core.localizer.log_polar import LogPolar, corrected, seen_from
 from uw_acoustic_loc.core.localizer.triangulation import Drift, Ray
 
 STEPS, RUNS, FEW, STD = 200, 1000, 20, math.radians(2.0)
@@ -45,36 +44,36 @@ def ours(run: int = 0) -> Step:
     def step(k: int) -> complex:
         ekf.predict(1.0, still)
         ekf.update(rays[k])
-        return ekf._members[0][0]
+        return ekf._members[0].state.line
 
     return step
 
 
 def ours_bare(run: int = 0) -> Step:
     """Its kernel, which is what many runs at once use."""
-    line, g, q = GUESS, 2 * (SPREAD / abs(GUESS)) ** 2, 0j
+    state = LogPolar(GUESS, 2 * (SPREAD / abs(GUESS)) ** 2, 0j)
     shifts, toward = SHIFTS.tolist(), np.exp(1j * HEARD[:, run]).tolist()
 
     def step(k: int) -> complex:
-        nonlocal line, g, q
-        line, g, q = seen_from(line, g, q, shifts[k])
+        nonlocal state
+        line, g, q = seen_from(state, shifts[k])
         g += 2 * Q / (line.real * line.real + line.imag * line.imag)
-        line, g, q, _, _ = corrected(line, g, q, toward[k], STD**2, cmath.exp, cmath.phase)
-        return line
+        state = corrected(LogPolar(line, g, q), toward[k], STD**2).state
+        return complex(state.line)
 
     return step
 
 
 def ours_batched() -> Step:
-    state = np.full(RUNS, GUESS), np.full(RUNS, 2 * (SPREAD / abs(GUESS)) ** 2), np.zeros(RUNS, complex)
+    state = LogPolar(np.full(RUNS, GUESS), np.full(RUNS, 2 * (SPREAD / abs(GUESS)) ** 2), np.zeros(RUNS, complex))
     toward = np.exp(1j * HEARD)
 
     def step(k: int) -> np.ndarray:
         nonlocal state
-        line, g, q = seen_from(*state, SHIFTS[k])
+        line, g, q = seen_from(state, SHIFTS[k])
         g = g + 2 * Q / (line.real * line.real + line.imag * line.imag)
-        state = corrected(line, g, q, toward[k], STD**2, np.exp, np.angle)[:3]
-        return state[0]
+        state = corrected(LogPolar(line, g, q), toward[k], STD**2).state
+        return np.asarray(state.line)
 
     return step
 

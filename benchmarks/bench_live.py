@@ -25,11 +25,11 @@ from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.rosbags_messages import decode
 from uw_acoustic_loc.core.types import Array, Bearing, HydrophoneInfo
 from uw_acoustic_loc.graph import Graph, load_graph
-from uw_acoustic_loc.resolved_graph import wire_stage
+from uw_acoustic_loc.resolved_graph import resolve_stage
 from uw_acoustic_loc.resources import resource
-from uw_acoustic_loc.ros.command_line import LEAD_S
-from uw_acoustic_loc.ros.launcher import Launcher, Run
-from uw_acoustic_loc.ros.sync import Reports
+from uw_acoustic_loc.ros.orchestrator.command_line import LEAD_S
+from uw_acoustic_loc.ros.orchestrator.launcher import Launcher, LaunchOptions
+from uw_acoustic_loc.ros.report import Reports
 from uw_acoustic_loc.sim.catalog import SOURCES
 from uw_acoustic_loc.stages.catalog import STAGES
 
@@ -86,14 +86,15 @@ def main() -> int:
     with TemporaryDirectory() as name:
         graph, bag = realtime_harbour(Path(name)), Path(name, "bag")
         meter = Meter()
-        launcher = Launcher(graph, Run(bag, progress=meter.look), lambda who, text: print(who, text, file=sys.stderr))
+        options = LaunchOptions(bag, progress=meter.look)
+        launcher = Launcher(graph, options, lambda who, text: print(who, text, file=sys.stderr))
         code = launcher.run()
         late_ms = 1e-6 * latency_ns(bag, graph)
         print(f"## Live: {SECONDS:g} s of the harbour in real time\n")
         print("| | | goal |\n|---|---|---|")
         good = line("latency p50, ms", float(np.percentile(late_ms, 50)))
         good &= line("latency p99, ms", float(np.percentile(late_ms, 99)), P99_MS)
-        good &= frames(launcher.books)
+        good &= frames(launcher.reports)
         good &= processors(meter)
     print()
     return int(code != 0 or not good)
@@ -119,9 +120,9 @@ def latency_ns(path: Path, graph: Graph) -> Array:
 
 def completed(path: Path, graph: Graph) -> Iterator[tuple[tuple[str, int], int]]:
     """Topic and stamp of each bearing, with the end of the frame that completed it: the estimator is run again."""
-    wiring = wire_stage(next(node for node in graph.nodes if node.executable == "bearing"))
-    names = {output.topic: topic for topic, output in wiring.outputs.items()}
-    inputs = {wiring.node.resolve(i.topic): i for i in wiring.make_stage().inputs}
+    stage = resolve_stage(next(node for node in graph.nodes if node.executable == "bearing"))
+    names = {output.topic: topic for topic, output in stage.outputs.items()}
+    inputs = {stage.node.resolve(i.topic): i for i in stage.make_stage().inputs}
     for record in Bag(path).records([INFO, FRAMES]):
         value = decode(inputs[record.topic].kind, record.data, record.t_ns)
         emissions = list(inputs[record.topic].handle(value))
@@ -132,11 +133,11 @@ def completed(path: Path, graph: Graph) -> Iterator[tuple[tuple[str, int], int]]
         yield from (((names[topic], said.t_ns), end_ns) for topic, said in emissions if isinstance(said, Bearing))
 
 
-def frames(books: Reports) -> bool:
+def frames(reports: Reports) -> bool:
     """Whether everyone who wants frames got all of them."""
-    sent = books["/auv1/hydrophone_driver"]["out"][FRAMES]["sent"]
+    sent = reports["/auv1/hydrophone_driver"].sent[FRAMES].count
     print(f"| frames sent | {sent} | |")
-    readers = {name: report["in"][FRAMES]["taken"] for name, report in books.items() if FRAMES in report["in"]}
+    readers = {name: report.taken[FRAMES].count for name, report in reports.items() if FRAMES in report.taken}
     for name, taken in readers.items():
         print(f"| frames in {name} | {taken} | {sent}{'' if taken == sent else ' **missed**'} |")
     return all(taken == sent for taken in readers.values())

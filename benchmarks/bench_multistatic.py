@@ -22,7 +22,7 @@ from scipy.optimize import least_squares, leastsq
 from timing import Row, in_turn, report
 
 from uw_acoustic_loc.core.multistatic.bound import cramer_rao, position_error
-from uw_acoustic_loc.core.multistatic.estimator import Net, Noise, gaussian_likelihood, locate
+from uw_acoustic_loc.core.multistatic.estimator import Noise, SonarNet, gaussian_likelihood, locate
 from uw_acoustic_loc.core.multistatic.start import closed_form
 
 RANGE_STD, BEARING_STD = 40.0, 0.02
@@ -32,9 +32,9 @@ GOALS = {3: (200.0, 1500.0), 30: (0.0, 0.0), 200: (6.0, 40.0)}  # receivers: lea
 Solve = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]  # start, ranges, bearings -> position
 
 
-def polygon(count: int) -> Net:
+def polygon(count: int) -> SonarNet:
     angle = 2 * np.pi * np.arange(count) / count
-    return Net(np.zeros(2), DISTANCE * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return SonarNet(np.zeros(2), DISTANCE * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def grid() -> np.ndarray:
@@ -43,7 +43,7 @@ def grid() -> np.ndarray:
     return np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
 
 
-def residuals(p: np.ndarray, net: Net, ranges: np.ndarray, bearings: np.ndarray) -> np.ndarray:
+def residuals(p: np.ndarray, net: SonarNet, ranges: np.ndarray, bearings: np.ndarray) -> np.ndarray:
     dx, dy = p[0] - net.receivers[:, 0], p[1] - net.receivers[:, 1]
     total = np.sqrt(dx * dx + dy * dy) + np.sqrt(p[0] * p[0] + p[1] * p[1])
     turn = np.arctan2(dy, dx) - bearings
@@ -51,7 +51,7 @@ def residuals(p: np.ndarray, net: Net, ranges: np.ndarray, bearings: np.ndarray)
     return np.concatenate([(total - ranges) / RANGE_STD, turn / BEARING_STD])
 
 
-def jacobian(p: np.ndarray, net: Net, _ranges: np.ndarray, _bearings: np.ndarray) -> np.ndarray:
+def jacobian(p: np.ndarray, net: SonarNet, _ranges: np.ndarray, _bearings: np.ndarray) -> np.ndarray:
     d = p - net.receivers
     distance = np.sqrt((d * d).sum(axis=1))[:, None]
     by_range = (d / distance + p / np.sqrt(p @ p)) / RANGE_STD
@@ -59,7 +59,7 @@ def jacobian(p: np.ndarray, net: Net, _ranges: np.ndarray, _bearings: np.ndarray
     return np.concatenate([by_range, by_bearing])
 
 
-def peers(net: Net) -> dict[str, Solve]:
+def peers(net: SonarNet) -> dict[str, Solve]:
     def levenberg(start: np.ndarray, ranges: np.ndarray, bearings: np.ndarray, **options: object) -> np.ndarray:
         return leastsq(residuals, start, args=(net, ranges, bearings), **options)[0]
 

@@ -17,7 +17,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 import numpy as np
 from timing import Row, in_turn, report
 
-from uw_acoustic_loc.core.localizer.triangulation import Fix
+from uw_acoustic_loc.core.localizer.triangulation import PlanarFix
 from uw_acoustic_loc.core.slam.inertial import GYRO_BIAS, SIZE, VELOCITY, YAW, moved
 from uw_acoustic_loc.core.slam.joint import Joint, Slot
 
@@ -53,7 +53,7 @@ class Ours:
             J = np.zeros((2, SIZE))
             J[0, 0] = J[1, 1] = 1.0
             J[:, YAW] = -y, x
-            self.slots.append(self.joint.add(Fix(np.array([x, y]), np.eye(2)), J))
+            self.slots.append(self.joint.add(PlanarFix(np.array([x, y]), np.eye(2)), J))
 
     @property
     def state(self) -> tuple[np.ndarray, np.ndarray]:

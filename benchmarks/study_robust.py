@@ -21,13 +21,13 @@ import numpy as np
 
 from uw_acoustic_loc.config import configured
 from uw_acoustic_loc.core.geometry import wrap_angle
-from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
-from uw_acoustic_loc.core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise, mixture_weights, student_t_weights
+from uw_acoustic_loc.core.localizer.config import LocalizerConfig
+from uw_acoustic_loc.core.localizer.localizer import SourceLocalizer
 from uw_acoustic_loc.core.localizer.triangulation import Ray
 from uw_acoustic_loc.core.toa.config import ToaConfig
 from uw_acoustic_loc.core.toa.model import arrival_times, predict
 from uw_acoustic_loc.core.toa.paths import make_net
-from uw_acoustic_loc.core.toa.robust import mixture_weights, student_t_weights
 from uw_acoustic_loc.core.toa.tracker import ToaTracker
 from uw_acoustic_loc.core.types import Array, Arrivals
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from uw_acoustic_loc.graph import load_graph
-from uw_acoustic_loc.resolved_graph import upstream_first, wire
+from uw_acoustic_loc.resolved_graph import resolve_node, upstream_first
 from uw_acoustic_loc.resources import resource
 
 
@@ -69,10 +69,10 @@ def test_mistakes_are_one_sentence(tmp_path: Path, graph: str, params: str, sent
 
 
 def test_the_harbour_graph_is_valid_and_ordered_along_the_data_flow() -> None:
-    wirings = upstream_first([wire(node) for node in load_graph(resource("config/harbour/graph.yaml")).nodes])
-    order = [wiring.node.name for wiring in wirings]
+    nodes = upstream_first([resolve_node(node) for node in load_graph(resource("config/harbour/graph.yaml")).nodes])
+    order = [resolved.node.name for resolved in nodes]
     assert order.index("hydrophone_driver") < order.index("bearing") < order.index("bearing_slam")
-    published = [topic for wiring in wirings for topic in wiring.outputs]
+    published = [topic for resolved in nodes for topic in resolved.outputs]
     assert len(published) == len(set(published)), "two nodes publish one topic"
-    for wiring in wirings:
-        assert set(wiring.inputs) <= set(published), f"{wiring.node.full_name} has an input that nobody publishes"
+    for resolved in nodes:
+        assert set(resolved.inputs) <= set(published), f"{resolved.node.full_name} has an input that nobody publishes"

@@ -1,4 +1,4 @@
-"""Graph files and ROS params-files: which nodes run, with which parameters and names. Checked whole before use."""
+"""Graph files and ROS params-files: which nodes run, with which parameters and names, all checked before use."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ class GraphNode:
 
     @property
     def full_name(self) -> str:
-        """For example `/auv1/bearing`."""
+        """The name with its namespace, for example `/auv1/bearing`."""
         return f"{self.namespace.rstrip('/')}/{self.name}"
 
     def resolve(self, topic: str) -> str:
-        """The topic's name in the graph: namespace and remappings applied, as rcl does."""
+        """Returns the topic's name in the graph: namespace and remappings are applied as rcl does."""
         renamed = {self._absolute(old): self._absolute(new) for old, new in self.remap.items()}
         return renamed.get(self._absolute(topic), self._absolute(topic))
 
@@ -102,7 +102,7 @@ def _node(entry: NodeEntry, graph: Path) -> GraphNode:
 
 
 def params_of(file: Path, full_name: str) -> dict[str, Any]:
-    """The parameters that a params-file gives to a node; later sections win, as in rcl."""
+    """Returns the parameters that a params-file gives to a node; later sections win, as in rcl."""
     params: dict[str, Any] = {}
     for pattern, values in _sections(file):
         if _matches(pattern, full_name):
@@ -111,7 +111,7 @@ def params_of(file: Path, full_name: str) -> dict[str, Any]:
 
 
 def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
-    """Node name patterns with their parameters, in the order of the file; nested namespaces are joined with slashes."""
+    """Returns node name patterns with their parameters, as in the file; nested namespaces are joined with slashes."""
     content = load_yaml(file, "params-file")
     found: list[tuple[str, Mapping[str, Any]]] = []
 
@@ -131,7 +131,7 @@ def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested parameter mappings with their keys joined by dots, as rcl reads them."""
+    """Joins the keys of nested parameter mappings by dots, as rcl does."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
@@ -142,14 +142,14 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _matches(pattern: str, full_name: str) -> bool:
-    """As in rcl: `/**` stands for any number of names, `/*` for one; a bare name is a node of the root namespace."""
+    """Matches as rcl does: `/**` is any number of names, `/*` one; a bare name is a node of the root namespace."""
     tokens = re.split(r"(/\*\*|/\*)", pattern)
     expression = "".join({"/**": r"(/\w+)*", "/*": r"/\w+"}.get(token, re.escape(token)) for token in tokens)
     return re.fullmatch(expression, full_name) is not None
 
 
 def _check_sections(file: Path, nodes: tuple[GraphNode, ...]) -> None:
-    """A misspelt node name would silently leave a node at its defaults."""
+    """Refuses sections for no node: a misspelt node name would silently leave a node at its defaults."""
     users = sorted(node.full_name for node in nodes if node.params_file == file)
     for pattern, _ in _sections(file):
         if not any(_matches(pattern, name) for name in users):

@@ -5,23 +5,26 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .config import build, values_of
+from .config import build
 from .contract import Input, Output, Stage
 from .graph import GraphNode
 from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
 from .sim.scenario import Scenario, find_scenario
-from .stages.catalog import STAGES, stage_class
-from .stages.runner import RunnerConfig, split_config
+from .stages.build import configure
+from .stages.catalog import is_stage
+from .stages.inputs.settings import InputConfig
+from .wire.codec import codec
 
 R = TypeVar("R")
-W = TypeVar("W", bound="Wiring")
+N = TypeVar("N", bound="ResolvedNode")
 
 
 @dataclass(frozen=True, eq=False)
-class Wiring:
+class ResolvedNode:
     """A node's inputs and outputs by full topic name, and its effective parameters (a driver's: its scenario)."""
 
     node: GraphNode
@@ -31,70 +34,73 @@ class Wiring:
 
 
 @dataclass(frozen=True, eq=False)
-class StageWiring(Wiring):
+class ResolvedStage(ResolvedNode):
     """An estimator: how its stage is built, and how long its inputs wait for each other."""
 
     make_stage: Callable[[], Stage] = field(kw_only=True)
     lateness: float = field(kw_only=True)  # s
+    input_configs: Mapping[str, InputConfig] = field(kw_only=True)  # by the stage's own topic
 
 
 @dataclass(frozen=True, eq=False)
-class DriverWiring(Wiring):
+class ResolvedDriver(ResolvedNode):
     """A simulated driver and the scenario that it plays."""
 
     scenario: Scenario = field(kw_only=True)
     scenario_file: Path = field(kw_only=True)
 
 
-def wire_stage(node: GraphNode) -> StageWiring:
-    """An estimator's wiring, its parameters checked.
+def resolve_stage(node: GraphNode) -> ResolvedStage:
+    """An estimator of a graph, its parameters checked.
 
     Raises:
         ValueError: one sentence naming the node, the key, the value and what is allowed.
     """
     where = f"node {node.full_name}"
-    cls = stage_class(node.executable)
-    own, shared = split_config(_own_parameters(node))
-    config: Any = build(cls.Config, own, where)
-    runner = build(RunnerConfig, shared, where)
-
-    def make_stage() -> Stage:
-        return cls(config)  # type: ignore[call-arg]
-
-    stage = _named(where, make_stage)
+    configured = configure(node.executable, _own_parameters(node), where)
+    stage = configured.make()
+    for kind in {topic.kind for topic in stage.inputs} | {topic.kind for topic in stage.outputs}:
+        _named(where, partial(codec, kind))
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
-    settings = {**values_of(config), **values_of(runner)}
-    return StageWiring(node, inputs, outputs, settings, make_stage=make_stage, lateness=runner.lateness)
+    return ResolvedStage(
+        node,
+        inputs,
+        outputs,
+        configured.settings,
+        make_stage=configured.make,
+        lateness=configured.runner.lateness,
+        input_configs=configured.inputs,
+    )
 
 
-def wire_driver(node: GraphNode) -> DriverWiring:
-    """A driver's wiring, its scenario read; ValueError as for an estimator."""
+def resolve_driver(node: GraphNode) -> ResolvedDriver:
+    """A driver of a graph, its scenario read; ValueError as for an estimator."""
     where = f"node {node.full_name}"
     config = build(DriverConfig, _own_parameters(node), where)
     scenario = _named(where, lambda: configured_scenario(config, node.base))
     source = _named(where, lambda: make_source(node.executable, scenario))
     outputs = {node.resolve(o.topic): o for o in source.outputs}
     file = find_scenario(config.scenario, node.base)
-    return DriverWiring(node, {}, outputs, dataclasses.asdict(scenario), scenario=scenario, scenario_file=file)
+    return ResolvedDriver(node, {}, outputs, dataclasses.asdict(scenario), scenario=scenario, scenario_file=file)
 
 
-def wire(node: GraphNode) -> Wiring:
-    """Any node's wiring; what is not ours has none that we know."""
-    if node.executable in STAGES:
-        return wire_stage(node)
-    return wire_driver(node) if node.executable in SOURCES else Wiring(node)
+def resolve_node(node: GraphNode) -> ResolvedNode:
+    """Any node of a graph; of another package's node nothing is known but its entry."""
+    if is_stage(node.executable):
+        return resolve_stage(node)
+    return resolve_driver(node) if node.executable in SOURCES else ResolvedNode(node)
 
 
-def upstream_first(wirings: Sequence[W]) -> list[W]:
+def upstream_first(nodes: Sequence[N]) -> list[N]:
     """In the order of the data flow: nodes before those that they feed."""
-    ordered: list[W] = []
-    waiting = list(wirings)
+    ordered: list[N] = []
+    waiting = list(nodes)
     while waiting:
-        pending = {topic for wiring in waiting for topic in wiring.outputs}
-        free = [wiring for wiring in waiting if not pending & set(wiring.inputs)] or waiting  # a loop has no beginning
+        pending = {topic for node in waiting for topic in node.outputs}
+        free = [node for node in waiting if not pending & set(node.inputs)] or waiting  # a loop has no beginning
         ordered += free
-        waiting = [wiring for wiring in waiting if wiring not in free]
+        waiting = [node for node in waiting if node not in free]
     return ordered
 
 

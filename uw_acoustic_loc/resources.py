@@ -8,7 +8,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def resource(name: str) -> Path:
-    """The file or folder `name`, for example ``msg_defs/Track.msg`` or ``config/harbour``.
+    """Returns the path of the file or folder `name`, for example ``msg_defs/Track.msg`` or ``config/harbour``.
 
     Raises:
         FileNotFoundError: the installation is incomplete.

@@ -11,7 +11,7 @@ YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's where t
 
 
 def load_yaml(path: Path, what: str) -> Any:
-    """The content of a YAML file; ValueError with one sentence when it cannot be read."""
+    """Returns the content of a YAML file; ValueError with one sentence when it cannot be read."""
     try:
         return yaml.load(path.read_text(), YAML_LOADER)
     except OSError as error:

@@ -15,7 +15,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from uw_acoustic_loc.bag.rosbags_messages import STORE, BagMake, definition, serialize
+from uw_acoustic_loc.bag.definitions import jazzy_definition
+from uw_acoustic_loc.bag.rosbags_messages import STORE, BagMake, serialize
 from uw_acoustic_loc.core.types import Point
 from uw_acoustic_loc.wire.codec import codec
 
@@ -49,7 +50,7 @@ def write_mcap(
     **options: Any,
 ) -> Path:
     """One MCAP file by the mcap library; small chunks unless told otherwise."""
-    text = definition(FORM.msgtype)[0] if text is None else text
+    text = jazzy_definition(FORM.msgtype).text if text is None else text
     with path.open("wb") as stream:
         writer = Writer(stream, **({"chunk_size": 4096} | options))
         writer.start(profile="ros2", library="a test")

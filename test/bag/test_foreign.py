@@ -132,10 +132,11 @@ def test_messages_out_of_order_are_sorted_by_log_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf", "xcdr2", "ros1"])
-def test_another_serialization_is_refused_by_name(encoding: str, tmp_path: Path) -> None:
-    path = write_mcap(tmp_path / "x.mcap", encoding=encoding)
-    with pytest.raises(ValueError, match=f"topic /a is encoded as '{encoding}', not cdr"):
-        Bag(path)
+def test_another_serialization_is_listed_and_can_be_copied(encoding: str, tmp_path: Path) -> None:
+    bag = Bag(write_mcap(tmp_path / "x.mcap", encoding=encoding))
+    assert {name: topic.encoding for name, topic in bag.refused.items()} == {"/a": encoding, "/b": encoding}
+    assert (bag.topics, contents(bag), bag.damage) == ({}, [], [])
+    assert contents(bag, ["/a", "/b"]) == KEPT
 
 
 def test_a_topic_of_another_serialization_does_not_hide_the_others(tmp_path: Path) -> None:
@@ -153,10 +154,8 @@ def test_a_topic_of_another_serialization_does_not_hide_the_others(tmp_path: Pat
         writer.finish()
     bag = Bag(path)
     assert contents(bag) == [m for m in KEPT if m[0] == "/a"]
-    assert bag.damage == [f"bag {path}: topic /other is encoded as 'json', not cdr: it is not read"]
-    quiet = Bag(path)
-    assert contents(quiet, ["/a"])
-    assert quiet.damage == [], "nobody asked for it"
+    assert (set(bag.topics), set(bag.refused), bag.damage) == ({"/a", "/b"}, {"/other"}, [])
+    assert contents(bag, ["/other"]) == [("/other", START_NS, b"{}")]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from test import known_run as run
 from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.core.types import Bearing, Point, Position
-from uw_acoustic_loc.evaluation.errors import Errors, Frame, Path, map_from_odom, source_errors, true_vehicle
+from uw_acoustic_loc.evaluation.errors import Errors, Frame, TruePoses, map_from_odom, source_errors, true_vehicle
 from uw_acoustic_loc.evaluation.errors_bearing import bearing_errors
 from uw_acoustic_loc.evaluation.errors_net import fix_errors
 
@@ -24,14 +24,14 @@ def source_at(position):
 
 def test_yaw_goes_the_shortest_way(recorded):
     recording = recorded([true_pose(0, [0.0, 0.0, 0.0], 3.0), true_pose(2, [4.0, 2.0, -1.0], -3.0)])
-    positions, yaw = Path(recording.one("true_vehicle")).at(np.array([run.t_ns(0.5), run.t_ns(1.0)]))
+    positions, yaw = TruePoses(recording.one("true_vehicle")).at(np.array([run.t_ns(0.5), run.t_ns(1.0)]))
     np.testing.assert_allclose(positions, [[1.0, 0.5, -0.25], [2.0, 1.0, -0.5]])
     step = (2 * np.pi - 6.0) / 4
     np.testing.assert_allclose(yaw, [wrap_angle(3.0 + step), np.pi], atol=1e-12)
 
 
 def test_the_truth_does_not_cover_what_lies_outside(recorded):
-    path = Path(recorded([true_pose(1, [0.0] * 3, 0.0), true_pose(2, [0.0] * 3, 0.0)]).one("true_vehicle"))
+    path = TruePoses(recorded([true_pose(1, [0.0] * 3, 0.0), true_pose(2, [0.0] * 3, 0.0)]).one("true_vehicle"))
     stamps = np.array([run.t_ns(time) for time in (0.999, 1.0, 2.0, 2.001)])
     assert path.covers(stamps).tolist() == [False, True, True, False]
 

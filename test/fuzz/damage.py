@@ -91,4 +91,4 @@ def _cloud(message: Any, kind: str, where: float, value: Any) -> None:
     elif kind == "layout" and message.fields:
         field = message.fields[int(where * len(message.fields)) % len(message.fields)]
         object.__setattr__(field, "datatype" if value % 2 else "offset", value)
-    object.__setattr__(message, "data", BagMake().octets(bytes(data)))
+    object.__setattr__(message, "data", BagMake().uint8_array(bytes(data)))

@@ -15,7 +15,7 @@ from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.rosbags_messages import BagMake, decode
 from uw_acoustic_loc.core.types import HydrophoneInfo, Samples
 from uw_acoustic_loc.graph import load_graph
-from uw_acoustic_loc.resolved_graph import wire_stage
+from uw_acoustic_loc.resolved_graph import resolve_stage
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.stages.bearing import BearingStage
 from uw_acoustic_loc.wire.codec import codec
@@ -59,7 +59,7 @@ def harmed(frame: Samples, kind: str, place: tuple[int, float, int], value: floa
 def run(info: HydrophoneInfo, frames: list[Samples]) -> tuple[BearingStage, list[tuple[int, str, Any]]]:
     """The stage, and what it says with each frame's number; a refused frame had samples that no hydrophone has."""
     graph = load_graph(resource("config/harbour/graph.yaml"))
-    stage = wire_stage(next(node for node in graph.nodes if node.executable == "bearing")).make_stage()
+    stage = resolve_stage(next(node for node in graph.nodes if node.executable == "bearing")).make_stage()
     assert isinstance(stage, BearingStage)
     handlers = {wanted.kind: wanted.handle for wanted in stage.inputs}
     list(handlers[HydrophoneInfo](info))

@@ -16,7 +16,7 @@ from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.rosbags_messages import BagMake, deserialize
 from uw_acoustic_loc.graph import load_graph
-from uw_acoustic_loc.resolved_graph import StageWiring, wire_stage
+from uw_acoustic_loc.resolved_graph import ResolvedStage, resolve_stage
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.stages.catalog import STAGES
 from uw_acoustic_loc.stages.runner import Refusal, Runner
@@ -41,24 +41,24 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Bag:
 def fed(request: pytest.FixtureRequest, full: Bag) -> Fed:
     graph = load_graph(resource("config/harbour/graph.yaml"))
     node = next(node for node in graph.nodes if node.executable == request.param)
-    wiring = wire_stage(node)
+    stage = resolve_stage(node)
     stream = [
-        (wiring.inputs[r.topic].topic, deserialize(r.data, r.msgtype), r.t_ns) for r in full.records([*wiring.inputs])
+        (stage.inputs[r.topic].topic, deserialize(r.data, r.msgtype), r.t_ns) for r in full.records([*stage.inputs])
     ]
-    return Fed(wiring, stream[: LONGEST.get(request.param, 250)])
+    return Fed(stage, stream[: LONGEST.get(request.param, 250)])
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Fed:
     """An estimator and what it hears."""
 
-    wiring: StageWiring
+    stage: ResolvedStage
     stream: Stream
 
     def run(self, stream: Stream) -> tuple[Runner, list[tuple[str, Any]]]:
         told: list[Refusal] = []
-        runner = Runner(self.wiring.make_stage, self.wiring.lateness, told.append)
-        kinds = {wanted.topic: wanted.kind for wanted in self.wiring.inputs.values()}
+        runner = Runner(self.stage.make_stage, self.stage.lateness, told.append)
+        kinds = {wanted.topic: wanted.kind for wanted in self.stage.inputs.values()}
         said: list[tuple[str, Any]] = []
         for topic, message, t_ns in stream:
             try:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.multistatic.bound import cramer_rao, dilution, position_error
-from uw_acoustic_loc.core.multistatic.estimator import Net, Noise
+from uw_acoustic_loc.core.multistatic.estimator import Noise, SonarNet
 from uw_acoustic_loc.planning.sonar import POINTS, maps
 from uw_acoustic_loc.sim.scenario import Scenario, load_scenario
 
@@ -19,7 +19,7 @@ def test_the_sheet_has_the_bound_and_the_dilution_at_every_point():
     assert sheet.columns == ("x_m", "y_m", "range_sums_and_bearings_m", "range_sums_alone_m", "range_dop")
     table = np.array(sheet.rows, dtype=float)
     assert table.shape == (POINTS**2, 5)
-    net = Net(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
+    net = SonarNet(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
     noise = Noise(np.full(3, 40.0), np.full(3, 0.02))
     row = table[4321]
     cov = cramer_rao(net, row[:2], noise)

@@ -18,8 +18,10 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from uw_acoustic_loc.ros.processes import SharedMemory
-from uw_acoustic_loc.ros.rclpy_messages import RosMake, message_class, qos
+from uw_acoustic_loc.ros.orchestrator.shared_memory import SharedMemory
+from uw_acoustic_loc.ros.qos import qos
+from uw_acoustic_loc.ros.rclpy_messages import RosMake, message_class
+from uw_acoustic_loc.ros.report import NodeReport
 from uw_acoustic_loc.ros.sync import SyncClient, call
 from uw_acoustic_loc.wire.codec import codec
 
@@ -83,13 +85,13 @@ class Bench:
 
     def _heard(self, topic: str) -> bool:
         """Whether the nodes that subscribe see the writer too: each side discovers the other on its own."""
-        return all(report["in"][topic]["writers"] > 0 for report in self._reports() if topic in report["in"])
+        return all(report.taken[topic].writers for report in self._reports() if topic in report.taken)
 
     def _reaches(self, topic: str) -> bool:
         """Whether the nodes that publish see the reader too."""
-        return all(report["out"][topic]["readers"] > 0 for report in self._reports() if topic in report["out"])
+        return all(report.sent[topic].readers for report in self._reports() if topic in report.sent)
 
-    def _reports(self) -> list[dict[str, Any]]:
+    def _reports(self) -> list[NodeReport]:
         names = list(self.processes)
         reports = self.sync.ask(names, finish=False, timeout_s=LIMIT_S) if names else {}
         return [reports[name] for name in names]
@@ -119,7 +121,7 @@ class Bench:
         self.wait(client.service_is_ready, service)
         return call({service: client}, request, self.executor, LIMIT_S)[service]
 
-    def report(self, name: str, finish: bool = False) -> dict[str, Any]:
+    def report(self, name: str, finish: bool = False) -> NodeReport:
         """What a node says of itself over `~/sync`."""
         return self.sync.ask([name], finish, LIMIT_S)[name]
 

@@ -77,8 +77,8 @@ def play(bench: Bench, name: str, frames: list[Samples]) -> None:
     taken = bench.count = getattr(bench, "count", 0) + len(frames)
 
     def all_taken() -> bool:
-        counts = bench.report(name, finish=True)["counts"]
-        return sum(c["count"] for c in counts if c["what"] == "received" and "samples" in c["topic"]) == taken
+        counts = bench.report(name, finish=True).counts
+        return counts.get("hydrophones/samples", {}).get("received") == taken
 
     bench.wait(all_taken, f"{taken} frames to be taken")
 

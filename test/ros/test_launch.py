@@ -13,7 +13,7 @@ from test.ros.conftest import LIMIT_S, Bench, uwloc
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.core.types import Odometry
 from uw_acoustic_loc.resources import resource
-from uw_acoustic_loc.ros.processes import SharedMemory
+from uw_acoustic_loc.ros.orchestrator.shared_memory import SharedMemory
 
 HARBOUR = resource("config/harbour")
 

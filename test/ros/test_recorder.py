@@ -33,7 +33,7 @@ def publish(bench: Bench, count: int) -> None:
 def test_a_killed_recorder_leaves_all_but_the_last_second(bench: Bench, tmp_path: Path) -> None:
     record(bench, tmp_path / "bag")
     publish(bench, 300)
-    bench.wait(lambda: bench.report("/recorder")["recorded"].get("/p") == 300, "all to be recorded")
+    bench.wait(lambda: bench.report("/recorder").recorded.get("/p") == 300, "all to be recorded")
     written = next((tmp_path / "bag").glob("*.mcap"))
     bench.wait(lambda: written.stat().st_size > 1500, "the recorder to flush")
     time.sleep(1.2)  # the last of them

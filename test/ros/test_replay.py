@@ -17,8 +17,10 @@ from uw_acoustic_loc.bag.remap import RemappedBag
 from uw_acoustic_loc.bag.rosbags_messages import deserialize
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.resources import resource
-from uw_acoustic_loc.ros import sync
-from uw_acoustic_loc.ros.replay import replay_books
+from uw_acoustic_loc.ros.orchestrator import pacing
+from uw_acoustic_loc.ros.orchestrator.pacing import PlayerPacing, Stuck
+from uw_acoustic_loc.ros.orchestrator.replay import replay_deliveries
+from uw_acoustic_loc.ros.report import NodeReport, Sent, Taken
 
 REPO = Path(__file__).parents[2]
 HARBOUR = resource("config/harbour")
@@ -110,30 +112,27 @@ def test_topics_of_another_name_feed_the_graph(domain: int, measured: Path, tmp_
     assert expected[ours].count == 21, "kept by its new name"
 
 
-def test_books_are_made_of_bags_and_reports(tmp_path: Path) -> None:
+def test_deliveries_are_counted_in_bags_and_reports(tmp_path: Path) -> None:
     for name, topics in (("in", ["/a", "/a"]), ("out", ["/b"])):
         with BagWriter(tmp_path / name) as writer:
             for k, topic in enumerate(topics, 1):
                 writer.add_topic(topic, "std_msgs/msg/Empty")
                 writer.write(topic, k, b"\0\1\0\0\0")
     reports = {
-        "/one": {"in": {"/a": {"taken": 1}}, "out": {"/b": {"sent": 2}}},
-        "/two": {"in": {"/b": {"taken": 2}}, "out": {}},
-        "/recorder": {"in": {"/b": {"taken": 2}}, "out": {}, "recorded": {}},
+        "/one": NodeReport(taken={"/a": Taken(1)}, sent={"/b": Sent(2)}),
+        "/two": NodeReport(taken={"/b": Taken(2)}),
+        "/recorder": NodeReport(taken={"/b": Taken(2)}),
     }
-    books = replay_books(reports, RemappedBag(Bag(tmp_path / "in"), {}), Bag(tmp_path / "out"))
-    assert [entry.sentence for entry in books if not entry.balanced] == [
+    deliveries = replay_deliveries(reports, RemappedBag(Bag(tmp_path / "in"), {}), Bag(tmp_path / "out"))
+    assert [entry.sentence for entry in deliveries if not entry.complete] == [
         "/a: 2 out, 1 in /one",
         "/b: 2 out, 1 in the new bag",
     ]
-    assert [entry.sentence for entry in books if entry.balanced] == ["/b: 2 out, 2 in /two"]
+    assert [entry.sentence for entry in deliveries if entry.complete] == ["/b: 2 out, 2 in /two"]
 
 
 class Silent:
     """Stands for the services of a player that hangs."""
-
-    def __init__(self, *_given: Any) -> None:
-        pass
 
     def waiting_for(self) -> list[str]:
         return []
@@ -144,12 +143,13 @@ class Silent:
 
 
 def test_a_player_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sync, "_ASK_S", 0.0)
-    monkeypatch.setattr(sync, "SyncClient", Silent)
-    watch = sync.PlayerWatch(None, None, "/player")
-    assert watch.look() == ""
-    monkeypatch.setattr(sync, "_DEAD_S", 0.0)
-    assert watch.look() == "/player has not answered for 0 s"
+    monkeypatch.setattr(pacing, "_ASK_S", 0.0)
+    watch = PlayerPacing(Silent(), "/player")  # type: ignore[arg-type]
+    watch.begin()
+    assert watch.advance() == 0.0
+    monkeypatch.setattr(pacing, "_DEAD_S", 0.0)
+    with pytest.raises(Stuck, match="/player has not answered for 0 s"):
+        watch.advance()
 
 
 def test_a_bag_without_the_needed_topics_is_refused(domain: int, tmp_path: Path) -> None:

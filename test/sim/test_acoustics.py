@@ -2,8 +2,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from uw_acoustic_loc.sim.acoustics import absorption, images, pings, pulse, tone_phases
+from uw_acoustic_loc.sim.acoustics import absorption, images, pings, pulse, sounding, tone_phases
 from uw_acoustic_loc.sim.scenario import Environment, Pinger
 
 PINGER = Pinger(id="a", x=0, y=0, z=-5, band_low=20e3, band_high=30e3, pulse_length=0.01, period=0.1, offset=0.03)
@@ -95,6 +96,29 @@ def test_a_noise_pulse_is_the_sum_of_its_tones_at_any_instant():
 def test_a_noise_pulse_needs_its_phases():
     with pytest.raises(ValueError, match="phases must be \\(K,\\) for a noise pulse, got None"):
         pulse(NOISE, AGE)
+
+
+@pytest.mark.parametrize(("q", "length"), [(0.8, 2e-3), (5.0, 1.313e-3), (30.0, 3e-3)])
+def test_a_resonator_shapes_a_tone_as_its_transfer_function_says(q, length):
+    """Against scipy's simulation of H(s) = (w / Q) s / (s^2 + (w / Q) s + w^2); its gate is 0.1 us wide."""
+    pinger = replace(PINGER, pulse="tone", pulse_length=length, q_factor=q, source_level=2.0)
+    t, w = np.arange(70_000) / 1e7, 2 * np.pi * 25e3
+    _, expected, _ = signal.lsim(([w / q, 0], [1, w / q, w * w]), 2.0 * np.sin(w * t) * (t < length), t)
+    end = sounding(pinger)
+    assert pulse(pinger, t)[t < end] == pytest.approx(expected[t < end], abs=0.1 * w / q * 1e-6 + 1e-6)
+    assert np.abs(expected[t > end]).max() < 2.0 * 1e-4 * 1.3  # w / v is 1.28 where Q is 0.8
+    assert not pulse(pinger, t)[t > end].any()
+    assert not pulse(pinger, -t[:9]).any()
+
+
+def test_a_pulse_without_resonator_is_as_long_as_it_says():
+    assert sounding(PINGER) == PINGER.pulse_length
+
+
+@pytest.mark.parametrize(("q", "kind"), [(0.4, "tone"), (12.0, "chirp"), (12.0, "noise")])
+def test_only_a_tone_resonates(q, kind):
+    with pytest.raises(ValueError, match=f"q_factor must be 0, or above 0.5 with a tone, got {q:g} with a {kind}"):
+        replace(PINGER, pulse=kind, q_factor=q)
 
 
 def test_pings_keep_to_the_period():

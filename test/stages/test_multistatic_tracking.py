@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.multistatic.estimator import Net, Noise
+from uw_acoustic_loc.core.multistatic.estimator import Noise, SonarNet
 from uw_acoustic_loc.core.multistatic.fusion import MultistaticConfig
 from uw_acoustic_loc.core.types import Detections, NodePositions
 from uw_acoustic_loc.stages.multistatic_fusion import MultistaticFusionStage
@@ -17,7 +17,7 @@ NEAR = 300.0  # m: a track further off does not hold the target
 
 def irregular_net(rng, count=4):
     angle, distance = np.sort(rng.uniform(0, 2 * np.pi, count)), rng.uniform(800, 4000, count)
-    return Net(rng.uniform(-500, 500, 2), np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1))
+    return SonarNet(rng.uniform(-500, 500, 2), np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=1))
 
 
 def manoeuvring(rng):

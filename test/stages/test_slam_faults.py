@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.contract import Status
-from uw_acoustic_loc.core.slam.filter import SlamConfig
+from uw_acoustic_loc.core.slam.config import SlamConfig
 from uw_acoustic_loc.core.types import BodyVelocity, Imu
 from uw_acoustic_loc.sim.trajectory import Trajectory
 from uw_acoustic_loc.sim.vehicle import VehicleSource
@@ -148,7 +148,7 @@ def test_a_sensor_whose_readings_stand_still_is_gated():
 
     def change(time: float, name: str, value: object) -> Iterable[object]:
         wrong = isinstance(value, BodyVelocity) and 40.0 < time < 41.0
-        return (replace(value, linear=np.zeros(3)) if wrong else value,)
+        return (replace(value, linear=np.full(3, 1e-3)) if wrong else value,)
 
     run = Faulty(change, 60.0)
     assert run.status.values["dvl.unused"] >= 4  # on the way in and on the way out

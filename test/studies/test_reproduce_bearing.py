@@ -105,7 +105,7 @@ def test_the_course_stays_in_its_sector_and_is_slow():
 
 def test_errors_are_summed_up_as_named():
     errors = np.radians([-1.0, 1.0, 2.0, -20.0])
-    found = trials.Errors(5, errors, np.radians([1.0, 0.4, 1.5, 1.0]))
+    found = trials.BearingErrors(5, errors, np.radians([1.0, 0.4, 1.5, 1.0]))
     assert found.rmse_deg == pytest.approx(math.sqrt(406 / 4))
     assert found.median_deg == pytest.approx(1.5)
     assert found.robust_deg == pytest.approx(1.4826 * 1.5)  # around the median 0: 1, 1, 2, 20

@@ -142,7 +142,7 @@ def test_columns_may_come_in_any_order_with_padding_and_big_endian() -> None:
         for k, name in enumerate(wide.dtype.names)
     ]
     msg.point_step, msg.row_step, msg.is_bigendian = 20, 60, True
-    msg.data = make.octets(wide.tobytes())
+    msg.data = make.uint8_array(wide.tobytes())
     value = codec(t.Particles).decode(msg, T_NS)
     np.testing.assert_array_equal(value.x, [1, 2, 3])
     np.testing.assert_array_equal(value.weight, [0.5, 0.25, 0.25])

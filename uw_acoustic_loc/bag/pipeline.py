@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
 from ..contract import Emission, Output
 from ..graph import Graph
-from ..resolved_graph import StageWiring, upstream_first, wire_stage
-from ..stages.catalog import STAGES
+from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
+from ..stages.catalog import is_stage, stage_names
 from ..stages.runner import Refusal, Runner
 from .rosbags_messages import decode, encode
 
@@ -28,10 +29,10 @@ _Place = tuple[int, int]  # in the batch, and log time
 class _Member:
     """An estimator, with the full names of its outputs, and what has come for it."""
 
-    def __init__(self, wiring: StageWiring, tell: Callable[[str, Refusal], None]) -> None:
-        name = wiring.node.full_name
-        self.runner = Runner(wiring.make_stage, wiring.lateness, lambda refusal: tell(name, refusal))
-        self.names = {output.topic: topic for topic, output in wiring.outputs.items()}
+    def __init__(self, stage: ResolvedStage, report: Callable[[str, Refusal], None]) -> None:
+        self.name = name = stage.node.full_name
+        self.runner = Runner(stage.make_stage, stage.lateness, partial(report, name), stage.input_configs)
+        self.names = {output.topic: topic for topic, output in stage.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
 
     def emptied(self) -> list[tuple[_Place, str, Any]]:
@@ -41,24 +42,29 @@ class _Member:
 
 
 class Pipeline:
-    """All estimators of `graph`; `publish` takes what they say, `tell` a node's name and each message it refused."""
+    """All estimators of `graph`; `publish` takes what they say, `report` a node's name and each message it refused."""
 
-    def __init__(self, graph: Graph, publish: Publish, tell: Callable[[str, Refusal], None]) -> None:
-        wirings = upstream_first([wire_stage(node) for node in graph.nodes if node.executable in STAGES])
-        if not wirings:
-            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(STAGES)})")
+    def __init__(self, graph: Graph, publish: Publish, report: Callable[[str, Refusal], None]) -> None:
+        stages = upstream_first([resolve_stage(node) for node in graph.nodes if is_stage(node.executable)])
+        if not stages:
+            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(stage_names())})")
         self._publish = publish
-        self._members = [_Member(wiring, tell) for wiring in wirings]
+        self._members = [_Member(stage, report) for stage in stages]
         self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)
         self.outputs: dict[str, Output] = {}
         kinds: dict[str, type] = {}
-        for wiring, member in zip(wirings, self._members, strict=True):
-            self.outputs |= wiring.outputs
-            for topic, wanted in wiring.inputs.items():
+        for stage, member in zip(stages, self._members, strict=True):
+            self.outputs |= stage.outputs
+            for topic, wanted in stage.inputs.items():
                 self._readers[topic].append((member, wanted.topic))
                 kinds[topic] = wanted.kind
         self.inputs = {topic: kind for topic, kind in kinds.items() if topic not in self.outputs}
-        self._loops = any(set(w.inputs) & set(fed.outputs) for k, w in enumerate(wirings) for fed in wirings[k:])
+        self._loops = any(set(w.inputs) & set(fed.outputs) for k, w in enumerate(stages) for fed in stages[k:])
+
+    @property
+    def runners(self) -> dict[str, Runner]:
+        """What drives each estimator, by the node's full name."""
+        return {member.name: member.runner for member in self._members}
 
     def push(self, batch: Iterable[Message]) -> None:
         """Gives messages to all that subscribe, and what they publish to those that subscribe to that."""

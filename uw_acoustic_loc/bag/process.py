@@ -5,31 +5,38 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
 
 from ..graph import Graph
-from ..resolved_graph import wire
+from ..resolved_graph import resolve_node
+from ..sim.catalog import SOURCES
+from ..stages.catalog import is_stage
 from ..stages.runner import Refusal
 from ..wire.codec import codec
 from .about import about_graph
+from .definitions import decoded
 from .pipeline import Message, Pipeline
 from .reader import Bag, Record
 from .remap import RemappedBag
-from .rosbags_messages import decode
 from .writer import BagWriter
 
 
 class OfflineRun:
     """One bag through one graph into a new bag. `progress` is called with log times, as they are reached."""
 
-    def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
-        self.pipeline = Pipeline(graph, self._publish, tell)
+    def __init__(self, bag: Bag | RemappedBag, graph: Graph, report: Callable[[str, Refusal], None]) -> None:
+        self.pipeline = Pipeline(graph, self._publish, report)
         self._bag = bag
-        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(wire, graph.nodes))}
+        self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(resolve_node, graph.nodes))}
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
         self._due: list[tuple[int, str, bytes]] = []  # log time, topic and CDR of what will be written
+        # no simulated driver, and no estimator that can run here
+        self.left_out = [
+            node for node in graph.nodes if not is_stage(node.executable) and node.executable not in SOURCES
+        ]
         missing = sorted(set(self._kinds) - set(bag.topics))
         self.missing = missing
         if len(missing) == len(self._kinds):
@@ -45,7 +52,7 @@ class OfflineRun:
             for topic, output in own.items():
                 self._writer.add_topic(topic, codec(output.kind).msgtype, output.latched)
             last_ns = 0
-            for batch in _batches(self._bag.records(None if keep_inputs else [*self._kinds])):
+            for batch in _batches(self._bag.records(self._wanted(keep_inputs))):
                 self._due = [self._kept(record) for record in batch if keep_inputs and record.topic not in own]
                 self.pipeline.push(self._decoded(batch))
                 self._write()
@@ -55,9 +62,14 @@ class OfflineRun:
             self._write()
             return self._writer.counts
 
+    def _wanted(self, keep_inputs: bool) -> list[str]:
+        return [*self._bag.topics, *self._bag.refused] if keep_inputs else [*self._kinds]
+
     def _kept(self, record: Record) -> tuple[int, str, bytes]:
-        topic = self._bag.topics[record.topic]
-        self._writer.add_topic(record.topic, record.msgtype, topic.latched, topic.definition)
+        topic = self._bag.topics.get(record.topic) or self._bag.refused[record.topic]
+        if record.msgtype != topic.msgtype:
+            topic = replace(topic, msgtype=record.msgtype, definition=record.definition)
+        self._writer.copy_topic(topic)
         return record.t_ns, record.topic, record.data
 
     def _decoded(self, batch: list[Record]) -> Iterator[Message]:
@@ -67,9 +79,7 @@ class OfflineRun:
             if kind is None:
                 continue
             try:
-                if record.msgtype != codec(kind).msgtype:
-                    raise ValueError(f"type must be {codec(kind).msgtype}, got {record.msgtype}")
-                value = decode(kind, record.data, record.t_ns)
+                value = decoded(kind, record)
             except ValueError as error:
                 self.pipeline.malformed(record.topic, str(error))
                 continue

@@ -1,4 +1,4 @@
-"""A bag whose topics go by other names, so that a recording of somebody else's feeds the stages of a graph."""
+"""A bag with renamed topics, so that a recording from elsewhere feeds the stages of a graph."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class RemappedBag:
 
     @property
     def path(self) -> Path:
-        """Of the bag."""
+        """The bag's path."""
         return self._bag.path
 
     @property
@@ -39,25 +39,31 @@ class RemappedBag:
 
     @property
     def topics(self) -> dict[str, Topic]:
-        """By their new names."""
+        """The topics by their new names."""
         return {
             self._new[old]: dataclasses.replace(topic, name=self._new[old]) for old, topic in self._bag.topics.items()
         }
 
+    @property
+    def refused(self) -> dict[str, Topic]:
+        """Topics whose messages can only be copied, under their own names."""
+        return self._bag.refused
+
     def span(self) -> tuple[int, int]:
-        """Log times of the first and the last message in ns."""
+        """Returns log times of the first and the last message in ns."""
         return self._bag.span()
 
     def records(self, topics: Collection[str] | None = None) -> Iterator[Record]:
-        """Messages, of `topics` (new names) only when given, in the order of their log times."""
-        wanted = None if topics is None else [self._old[name] for name in topics if name in self._old]
+        """Yields messages, of `topics` (new names) only when given, in the order of their log times."""
+        known = self._old | {name: name for name in self.refused}
+        wanted = None if topics is None else [known[name] for name in topics if name in known]
         for record in self._bag.records(wanted):
-            new = self._new[record.topic]
+            new = self._new.get(record.topic, record.topic)
             yield record if new == record.topic else record._replace(topic=new)
 
 
 def remaps(pairs: Sequence[str], sign: str = ":=") -> dict[str, str]:
-    """New names by old ones, from pairs such as `/theirs:=/ours`; ValueError for anything else."""
+    """Reads new names by old ones from pairs such as `/theirs:=/ours`; ValueError for anything else."""
     found: dict[str, str] = {}
     for pair in pairs:
         old, _, new = pair.partition(sign)

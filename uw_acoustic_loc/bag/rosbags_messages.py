@@ -19,8 +19,8 @@ class BagMake:
     def __call__(self, msgtype: str, **fields: Any) -> Any:
         return STORE.types[msgtype](**fields)
 
-    def octets(self, data: bytes) -> AnyArray:
-        """The bytes as uint8 (N,)."""
+    def uint8_array(self, data: bytes) -> AnyArray:
+        """Returns the bytes as uint8 (N,)."""
         return np.frombuffer(data, dtype=np.uint8)
 
 
@@ -28,41 +28,31 @@ _MAKE = BagMake()
 
 
 def encode(value: Any) -> bytes:
-    """CDR bytes of a core value."""
-    form = codec(type(value))
-    return form.cdr.pack(value) if form.cdr else serialize(form.encode(_MAKE, value), form.msgtype)
+    """Returns the CDR bytes of a core value."""
+    return codec(type(value)).to_cdr(value, serialize, _MAKE)
 
 
 def decode(kind: type, data: bytes, t_ns: int) -> Any:
-    """A core value from CDR bytes that were received at t_ns.
+    """Reads a core value from CDR bytes that were received at t_ns.
 
     Raises:
-        ValueError: the bytes are no such message, or it says what cannot be.
+        ValueError: the bytes are no such message, or its content is impossible.
     """
-    form = codec(kind)
-    value = form.cdr.unpack(data) if form.cdr else None
-    return form.decode(deserialize(data, form.msgtype), t_ns) if value is None else value
+    return codec(kind).from_cdr(data, deserialize, t_ns)
 
 
 def serialize(msg: Any, msgtype: str) -> bytes:
-    """CDR bytes of a message."""
+    """Returns the CDR bytes of a message."""
     return bytes(STORE.serialize_cdr(msg, msgtype))
 
 
 def deserialize(data: bytes, msgtype: str) -> Any:
-    """The message in CDR bytes.
+    """Reads the message in CDR bytes.
 
     Raises:
         ValueError: the bytes are not such a message.
     """
     try:
         return STORE.deserialize_cdr(data, msgtype)
-    except Exception as error:  # rosbags' decoder fails with whatever the bytes lead it into
+    except Exception as error:  # damaged bytes make rosbags' decoder raise anything
         raise ValueError(f"{msgtype}: {len(data)} bytes cannot be decoded ({error})") from None
-
-
-def definition(msgtype: str) -> tuple[str, str]:
-    """Definition text and RIHS01 hash of a message type; empty when the type is not one of ROS 2 Jazzy's."""
-    if msgtype not in STORE.types:
-        return "", ""
-    return STORE.generate_msgdef(msgtype, ros_version=2)[0], STORE.hash_rihs01(msgtype)

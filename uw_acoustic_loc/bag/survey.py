@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import re
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from .definitions import store_of
 from .reader import Bag, Record, Topic
-from .rosbags_messages import STORE
 
 _GAP = 5.0  # median intervals between two messages make a gap
-_FEW = 5  # intervals, below which a median says nothing
+_FEW = 5  # intervals, below which a median means nothing
 
 
 @dataclass(frozen=True)
 class TopicSurvey:
-    """One topic. Times are log times, when each message was recorded; a stamp is what its header says."""
+    """One topic. Times are log times, when each message was recorded; a stamp is that of its header."""
 
     msgtype: str
     latched: bool
@@ -34,9 +32,11 @@ class TopicSurvey:
     stamps_back: int
     largest_step_back_s: float  # of both
     unset_stamps: int
+    unset_log_times: int  # messages that were recorded at no time; they count in nothing but `count`
+    other_types: tuple[str, ...]  # that messages of this topic have, too
 
     def as_json(self) -> dict[str, Any]:
-        """With the type as `type`."""
+        """Returns the fields as a dictionary, the message type as `type`."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return {"type": values.pop("msgtype"), **values}
 
@@ -67,8 +67,8 @@ class Survey:
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last log time in ns; zeros for an empty bag."""
-        filled = [topic for topic in self.topics.values() if topic.count]
+        """The first and the last log time in ns; zeros for an empty bag."""
+        filled = [topic for topic in self.topics.values() if topic.last_ns]
         return (min(t.first_ns for t in filled), max(t.last_ns for t in filled)) if filled else (0, 0)
 
 
@@ -78,11 +78,11 @@ def survey(bag: Bag) -> Survey:
     for record in bag.records(by_time=False):
         traffic[record.topic].note(record)
     first = {name: noted.first for name, noted in traffic.items() if noted.first}
-    return Survey({name: _summary(noted) for name, noted in sorted(traffic.items())}, first)
+    return Survey({name: _summary(noted, bag.types[name]) for name, noted in sorted(traffic.items())}, first)
 
 
-def _summary(noted: _Traffic) -> TopicSurvey:
-    log = np.array(noted.log_ns, dtype=np.int64)
+def _summary(noted: _Traffic, types: list[str]) -> TopicSurvey:
+    log = np.array([t_ns for t_ns in noted.log_ns if t_ns > 0], dtype=np.int64)
     stamps = np.array([stamp for stamp in noted.stamps_ns if stamp > 0], dtype=np.int64)
     steps = np.sort(log)
     intervals = np.diff(steps) * 1e-9
@@ -92,7 +92,7 @@ def _summary(noted: _Traffic) -> TopicSurvey:
     return TopicSurvey(
         msgtype=noted.topic.msgtype,
         latched=noted.topic.latched,
-        count=log.size,
+        count=len(noted.log_ns),
         first_ns=int(steps[0]) if log.size else 0,
         last_ns=int(steps[-1]) if log.size else 0,
         rate_hz=(log.size - 1) / span if span > 0 else 0.0,
@@ -103,31 +103,26 @@ def _summary(noted: _Traffic) -> TopicSurvey:
         stamps_back=back[1].size,
         largest_step_back_s=float(max((steps.max() for steps in back if steps.size), default=0.0)),
         unset_stamps=sum(stamp <= 0 for stamp in noted.stamps_ns),
+        unset_log_times=len(noted.log_ns) - log.size,
+        other_types=tuple(one for one in types if one != noted.topic.msgtype),
     )
 
 
 def _gaps(intervals: np.ndarray[Any, Any]) -> list[float]:
-    """Intervals in s that are much longer than usual."""
+    """Returns the intervals in s that are much longer than usual."""
     usual = float(np.median(intervals)) if intervals.size >= _FEW else 0.0
     return intervals[intervals > _GAP * usual].tolist() if usual > 0 else []
 
 
 def _has_header(topic: Topic) -> bool:
-    """Whether messages begin with std_msgs/Header: by ROS's own definitions, or else by the bag's."""
-    if topic.msgtype in STORE.fielddefs:
-        fields: Any = STORE.fielddefs[topic.msgtype][1]
-        return bool(fields) and fields[0][1][1] == "std_msgs/msg/Header"
-    return next(_declarations(topic.definition), "").startswith("Header ")
-
-
-def _declarations(definition: str) -> Iterator[str]:
-    for line in definition.splitlines():
-        if (statement := line.split("#")[0].strip()) and "=" not in statement:
-            yield re.sub(r"^std_msgs/(msg/)?", "", statement)
+    """Whether messages begin with std_msgs/Header, by the definition that they are read by."""
+    store = store_of(topic.msgtype, topic.definition)
+    fields: Any = store.fielddefs[topic.msgtype][1] if store else ()
+    return bool(fields) and fields[0][1][1] == "std_msgs/msg/Header"
 
 
 def _stamp_ns(data: bytes) -> int | None:
-    """The stamp of a header that stands first in CDR bytes."""
+    """Returns the stamp in ns of a header that comes first in CDR bytes."""
     if len(data) < 12:
         return None
     seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..config import build, parameters
-from ..contract import Input, Stage
-from ..stages.catalog import STAGES, stage_class
+from ..contract import ANY_ID, Input
+from ..graph import GraphNode
+from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
+from ..stages.catalog import stage_class, stage_names
+from ..topics import KnownTopic, find
 from ..wire.codec import codec
-from .rosbags_messages import deserialize
+from .definitions import decoded
 from .survey import Survey
-
-_ANY = "ANY"  # stands for every id in the topics of a stage
 
 
 @dataclass(frozen=True)
@@ -43,17 +42,31 @@ class Use:
 def uses(found: Survey) -> list[Use]:
     """The estimators of which the bag has an input, by name or by kind."""
     kinds = _Kinds(found)
-    listed: list[Use] = []
+    stages, listed = _stages()
     made: dict[tuple[str, str], str] = {}  # namespace and topic -> the estimator whose output it is
-    for name in STAGES:  # in the order of the data flow
-        stage = _stage(name)
-        spaces = sorted({space for wanted in stage.inputs for space in _spaces(wanted, found)})
+    for stage in upstream_first(stages):
+        name, inputs = stage.node.executable, [*stage.inputs.values()]
+        spaces = sorted({space for i in inputs for topic in found.topics if (space := _space(i, topic))})
         for space in spaces or ["/"]:
-            use = _use(name, space, stage.inputs, kinds, made)
+            use = _use(name, space, inputs, kinds, made)
             listed += [use] if use.inputs or use.remap else []
             if use.ready:
-                made |= {(space, output.topic): name for output in stage.outputs}
-    return listed
+                made |= {(space, output.topic): name for output in stage.outputs.values()}
+    names = stage_names()
+    return sorted(listed, key=lambda use: names.index(use.estimator))
+
+
+def _stages() -> tuple[list[ResolvedStage], list[Use]]:
+    """All estimators with their default parameters, for any id; and those of other packages that have none."""
+    stages: list[ResolvedStage] = []
+    failed: list[Use] = []
+    for name in stage_names():
+        try:
+            node = GraphNode(name, name.rpartition("/")[2], "/", None, {}, stage_class(name).any_id)
+            stages.append(resolve_stage(node))
+        except ValueError as error:
+            failed.append(Use(name, "/", {}, unusable={"with default parameters": str(error)}))
+    return stages, failed
 
 
 class _Kinds:
@@ -70,7 +83,7 @@ class _Kinds:
         if record is None:
             return "it has no messages"
         try:
-            value = form.decode(deserialize(record.data, form.msgtype), record.t_ns)
+            value = decoded(wanted.kind, record)
         except ValueError as error:
             return str(error)
         frame = getattr(value, "frame_id", "")
@@ -80,57 +93,40 @@ class _Kinds:
 
     def others(self, wanted: Input) -> list[str]:
         """Topics that could be this input, and that no estimator or simulator has a name for."""
-        return [topic for topic in self.found.topics if not _NAMED.search(topic) and not self.refusal(topic, wanted)]
+        return [topic for topic in self.found.topics if not _named(topic) and not self.refusal(topic, wanted)]
 
 
 def _use(name: str, space: str, inputs: Sequence[Input], kinds: _Kinds, made: Mapping[tuple[str, str], str]) -> Use:
     use = Use(name, space, {})
     for wanted in inputs:
-        own = wanted.topic.replace(_ANY, "<id>")
+        own = _general(wanted)
         for topic in kinds.found.topics:
-            if _fits(topic, space, wanted):
+            if _space(wanted, topic) == space:
                 if why := kinds.refusal(topic, wanted):
                     use.unusable[topic] = why
                 else:
                     use.inputs.setdefault(own, []).append(topic)
         if own not in use.inputs and (space, wanted.topic) in made:
             use.after[own] = made[space, wanted.topic]
-        elif own not in use.inputs:
+        elif own not in use.inputs and not wanted.optional:
             use.missing.append(own)
             use.remap.extend(f"{other}:={space.rstrip('/')}/{own}" for other in kinds.others(wanted))
     return use
 
 
-def _stage(name: str) -> Stage:
-    """An estimator with its default parameters, for any id."""
-    cls = stage_class(name)
-    fields = parameters(cls.Config)
-    ids: dict[str, Any] = {key: [_ANY] for key in ("source_ids", "mooring_ids") if key in fields}
-    if "mooring_receivers" in fields:
-        del ids["mooring_ids"]  # a mooring's own tracker looks for those; here they are an extra
-    bands = {"band_low": [1e3], "band_high": [2e3]} if "band_low" in fields else {}
-    config: Any = build(cls.Config, ids | bands, name)
-    return cls(config)  # type: ignore[call-arg]
+def _named(topic: str) -> bool:
+    """Whether a name has a meaning of its own: then it is never a candidate for another input."""
+    return topic.startswith("/truth/") or find(topic) is not None
 
 
-def _pattern(wanted: Input) -> str:
-    return re.escape(wanted.topic).replace(_ANY, "[^/]+")
+def _space(wanted: Input, topic: str) -> str | None:
+    """The namespace in which a topic has the name of an input; None when the name is another's."""
+    own = KnownTopic(_general(wanted), wanted.kind)
+    row = find(topic)
+    place = own.place(topic) if row is None or row[0].name == own.name else None
+    return (place.space or "/") if place else None
 
 
-def _fits(topic: str, space: str, wanted: Input) -> bool:
-    return re.fullmatch(rf"{re.escape(space.rstrip('/'))}/{_pattern(wanted)}", topic) is not None
-
-
-def _spaces(wanted: Input, found: Survey) -> set[str]:
-    """Namespaces in which the bag has a topic of this name."""
-    matches = (re.fullmatch(rf"(?!/truth/)((?:/[^/]+)*)/{_pattern(wanted)}", topic) for topic in found.topics)
-    return {match[1] or "/" for match in matches if match and not _ESTIMATED.search(match[1])}
-
-
-# whose odometry is an estimate, and no vehicle's own
-_ESTIMATED = re.compile(r"/(slam|target|mooring/[^/]+)$")
-# names with a meaning of their own: never a candidate for another input
-_NAMED = re.compile(
-    r"^/truth/|/(hydrophones/\w+|sources/[^/]+/\w+|slam/.+|buoys/\w+|target/\w+|sonar/\w+|mooring/[^/]+/\w+|odometry"
-    r"|imu/data|dvl/twist)$"
-)
+def _general(wanted: Input) -> str:
+    """The input's name for any id."""
+    return wanted.topic.replace(ANY_ID, "<id>")

@@ -6,49 +6,54 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import yaml
 from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from .. import __version__
-from .rosbags_messages import definition
-
-_ROS_DISTRO = "jazzy"
+from ..version import __version__
+from .definitions import jazzy_definition
+from .metadata import ROS_DISTRO, described, earlier, metadata_text, profiles, qos_text
+from .storage.stored import Definition, Topic
 
 
 class BagWriter:
     """A new bag folder at `path`; `about` is stored with the package's version as the metadata `uw_acoustic_loc`.
 
     What is written before an interruption stays readable. When nothing more can be written (disk full), OSError names
-    the bag once, the file ends behind its last whole block, and everything later is left out.
+    the bag once, the file ends behind its last whole block, and everything later is left out. With `resume` a bag that
+    exists goes on in a further file.
 
     Raises:
         ValueError: `path` exists already, or cannot be made.
     """
 
-    def __init__(self, path: Path, about: dict[str, str] | None = None) -> None:
-        if path.exists():
+    def __init__(self, path: Path, about: dict[str, str] | None = None, resume: bool = False) -> None:
+        if path.exists() and not resume:
             raise ValueError(f"bag {path} exists already: choose another name or remove it")
         try:
-            path.mkdir(parents=True)
+            path.mkdir(parents=True, exist_ok=resume)
         except OSError as error:
             raise ValueError(f"bag {path} cannot be made: {error.strerror}") from None
         self.path = path
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
-        self._topics: dict[str, dict[str, Any]] = {}
+        self._channels: dict[tuple[str, str], int] = {}  # by topic and type
+        self._types: dict[str, str] = {}  # of the topic's latest declaration
+        self._schemas: dict[tuple[str, Definition], int] = {}
+        self._topics: dict[tuple[str, str], dict[str, Any]] = {}
         self._first, self._last = 0, 0
         self._saved = _Saved({}, 0, 0)
         self._open = True
-        self._file = _File(path / f"{path.name}_0.mcap")
+        self._earlier = earlier(path)
+        self._file = _File(path / f"{path.name}_{len(self._earlier.files)}.mcap")
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
-        self._whole(lambda: self._start(about or {}))
+        try:
+            self._whole(lambda: self._start(about or {}))
+        except OSError:
+            self._file.remove()  # nothing is in it
+            raise
 
     def __enter__(self) -> BagWriter:
         return self
@@ -60,35 +65,53 @@ class BagWriter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages written per topic."""
-        return {name: topic["message_count"] for name, topic in self._topics.items()}
+        """How many messages were written per topic."""
+        counts: dict[str, int] = {}
+        for (name, _), topic in self._topics.items():
+            counts[name] = counts.get(name, 0) + topic["message_count"]
+        return counts
 
-    def add_topic(self, name: str, msgtype: str, latched: bool = False, text: str = "") -> None:
-        """Declares a topic; again is harmless. `text` is the definition of a type that is not one of ROS 2 Jazzy's."""
-        if name in self._channels or not self._open:
+    def add_topic(self, name: str, msgtype: str, latched: bool = False) -> None:
+        """Declares a topic of ROS 2 Jazzy's definition of its type; again is harmless."""
+        self.copy_topic(Topic(name, msgtype, latched))
+
+    def copy_topic(self, topic: Topic) -> None:
+        """Declares a topic of another bag with its definition, encoding and QoS as they are there."""
+        key = (topic.name, topic.msgtype)
+        self._types[topic.name] = topic.msgtype
+        if key in self._channels or not self._open:
             return
-        own_text, type_hash = definition(msgtype)
-        if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, "ros2msg", (own_text or text).encode())
+        definition = topic.definition if topic.definition.text else jazzy_definition(topic.msgtype)
+        qos = topic.qos or qos_text(topic.latched)
+        stored = {"offered_qos_profiles": qos, "topic_type_hash": definition.type_hash}
+        self._channels[key] = self._writer.register_channel(
+            topic.name, topic.encoding, self._schema(topic.msgtype, definition), stored
+        )
         described = {
-            "name": name,
-            "type": msgtype,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [_qos(latched)],
-            "type_description_hash": type_hash,
+            "name": topic.name,
+            "type": topic.msgtype,
+            "serialization_format": topic.encoding,
+            "offered_qos_profiles": profiles(qos),
+            "type_description_hash": definition.type_hash,
         }
-        stored = {"offered_qos_profiles": _qos_text(latched), "topic_type_hash": type_hash}
-        self._channels[name] = self._writer.register_channel(name, "cdr", self._schemas[msgtype], stored)
-        self._topics[name] = {"topic_metadata": described, "message_count": 0}
+        self._topics[key] = {"topic_metadata": described, "message_count": 0}
+
+    def _schema(self, msgtype: str, definition: Definition) -> int:
+        key = (msgtype, definition)
+        if key not in self._schemas:
+            language = definition.language or "ros2msg"
+            self._schemas[key] = self._writer.register_schema(msgtype, language, definition.text.encode())
+        return self._schemas[key]
 
     def write(self, name: str, t_ns: int, data: bytes, published_ns: int = 0) -> None:
-        """Appends a message of a declared topic: the instant it was received, its CDR bytes."""
+        """Appends the CDR bytes of a message of a declared topic, received at t_ns."""
         if not self._open:
             return
-        self._topics[name]["message_count"] += 1
+        key = (name, self._types[name])
+        self._topics[key]["message_count"] += 1
         self._first = min(self._first or t_ns, t_ns)
         self._last = max(self._last, t_ns)
-        self._whole(lambda: self._writer.add_message(self._channels[name], t_ns, data, published_ns or t_ns))
+        self._whole(lambda: self._writer.add_message(self._channels[key], t_ns, data, published_ns or t_ns))
 
     def flush(self) -> None:
         """Hands everything over to the operating system, so that the end of this process cannot lose it."""
@@ -104,7 +127,7 @@ class BagWriter:
 
     def _start(self, about: dict[str, str]) -> None:
         self._writer.start(profile="ros2", library=f"uw_acoustic_loc {__version__}")
-        self._writer.add_metadata("rosbag2", {"ROS_DISTRO": _ROS_DISTRO})
+        self._writer.add_metadata("rosbag2", {"ROS_DISTRO": ROS_DISTRO})
         self._writer.add_metadata("uw_acoustic_loc", {"version": __version__, **about})
 
     def _whole(self, write: Callable[[], None]) -> None:
@@ -122,12 +145,15 @@ class BagWriter:
             self._end()
             raise OSError(error.errno, f"{error.strerror}; what was written is kept", str(self.path)) from None
         if self._file.tell() > good:
-            self._saved = _Saved(self.counts, self._first, self._last)
+            self._saved = _Saved(self._counted(), self._first, self._last)
+
+    def _counted(self) -> dict[tuple[str, str], int]:
+        return {key: topic["message_count"] for key, topic in self._topics.items()}
 
     def _forget_lost(self) -> None:
-        """What had not reached the file does not count."""
-        for name, topic in self._topics.items():
-            topic["message_count"] = self._saved.counts.get(name, 0)
+        """Takes back the counts of what has not reached the file."""
+        for key, topic in self._topics.items():
+            topic["message_count"] = self._saved.counts.get(key, 0)
         self._first, self._last = self._saved.first, self._saved.last
 
     def _end(self) -> None:
@@ -135,47 +161,23 @@ class BagWriter:
         self._file.close()
         listed = self.path / "metadata.yaml"
         try:
-            listed.write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
-        except OSError:  # as full as before: a bag without it can be read, one with half of it is a riddle
+            own = described(self._file.path.name, sum(self.counts.values()), self._first, self._last)
+            listed.write_text(metadata_text(self._earlier, own, list(self._topics.values())))
+        except OSError:  # as full as before: a bag without it can be read, one with half of it cannot
             listed.unlink(missing_ok=True)
-
-    def _metadata(self) -> dict[str, Any]:
-        count = sum(self.counts.values())
-        start, duration = {"nanoseconds_since_epoch": self._first}, {"nanoseconds": self._last - self._first}
-        name = f"{self.path.name}_0.mcap"
-        about = {
-            "version": 9,
-            "storage_identifier": "mcap",
-            "duration": dict(duration),
-            "starting_time": dict(start),
-            "message_count": count,
-            "topics_with_message_count": list(self._topics.values()),
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [name],
-            "files": [{"path": name, "starting_time": start, "duration": duration, "message_count": count}],
-            "custom_data": None,
-            "ros_distro": _ROS_DISTRO,
-        }
-        return {"rosbag2_bagfile_information": about}
-
-
-@cache
-def _qos_text(latched: bool) -> str:
-    return str(yaml.safe_dump([_qos(latched)], sort_keys=False))
 
 
 @dataclass(frozen=True)
 class _Saved:
     """What has reached the file: messages per topic, first and last log time in ns."""
 
-    counts: dict[str, int]
+    counts: dict[tuple[str, str], int]
     first: int
     last: int
 
 
 def _end_of_file() -> bytes:
-    """The end of an MCAP file without a summary."""
+    """Returns the end of an MCAP file without a summary."""
     records = RecordBuilder()
     DataEnd(data_section_crc=0).write(records)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(records)
@@ -183,9 +185,10 @@ def _end_of_file() -> bytes:
 
 
 class _File:
-    """A file without a buffer of its own: what `write` has returned from is with the operating system."""
+    """A file without a buffer: what `write` has returned from is with the operating system."""
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         self._end = 0
 
@@ -211,17 +214,6 @@ class _File:
     def close(self) -> None:
         os.close(self._number)
 
-
-def _qos(latched: bool) -> dict[str, Any]:
-    forever = {"sec": 9223372036, "nsec": 854775807}
-    return {
-        "history": "keep_last",
-        "depth": 1 if latched else 10,
-        "reliability": "reliable",
-        "durability": "transient_local" if latched else "volatile",
-        "deadline": dict(forever),
-        "lifespan": dict(forever),
-        "liveliness": "automatic",
-        "liveliness_lease_duration": dict(forever),
-        "avoid_ros_namespace_conventions": False,
-    }
+    def remove(self) -> None:
+        """Of a file that is closed."""
+        self.path.unlink(missing_ok=True)

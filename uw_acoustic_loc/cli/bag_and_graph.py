@@ -1,4 +1,4 @@
-"""The arguments that commands share which run a graph on bags."""
+"""The arguments that commands share which read bags, or run a graph on them."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..bag.reader import Bag
     from ..bag.remap import RemappedBag
 
 
 def add_bag_and_graph(parser: ArgumentParser, many: bool = False) -> None:
-    """Declares the bag or bags, --graph, --output and --remap."""
+    """Declares the bag or bags, --graph, --output, --remap and --msg-path."""
     parser.add_argument("bag", type=Path, metavar="BAG", nargs="+" if many else None)
     parser.add_argument("--graph", type=Path, required=True, metavar="GRAPH.yaml")
     where = "the bag to be made" + (", or the folder for those of several bags" if many else "")
@@ -20,11 +21,25 @@ def add_bag_and_graph(parser: ArgumentParser, many: bool = False) -> None:
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name for a topic of the bag"
     )
+    add_msg_path(parser)
+
+
+def add_msg_path(parser: ArgumentParser) -> None:
+    """Declares where definitions are that a bag does not carry."""
+    where = "a folder of <package>/msg/<Type>.msg files, for types that the bag has no definition of"
+    parser.add_argument("--msg-path", type=Path, metavar="DIR", help=where)
+
+
+def read_bag(path: Path, options: Namespace) -> Bag:
+    """The bag, with the definitions of --msg-path."""
+    from ..bag.definitions import read_definitions
+    from ..bag.reader import Bag
+
+    return Bag(path, read_definitions(options.msg_path) if options.msg_path else None)
 
 
 def open_bag(path: Path, options: Namespace) -> RemappedBag:
-    """The bag under the names that --remap gives."""
-    from ..bag.reader import Bag
+    """Opens a bag, its topics under the names that --remap gives."""
     from ..bag.remap import RemappedBag, remaps
 
-    return RemappedBag(Bag(path), remaps(options.remap))
+    return RemappedBag(read_bag(path, options), remaps(options.remap))

@@ -1,4 +1,4 @@
-"""What is in a bag, what is wrong with it, and what can be done with it: for people and for machines."""
+"""A bag's contents, its faults and its uses, for a terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..bag.usable import Use
 
 
 def as_json(bag: Bag, found: Survey, estimators: Sequence[Use]) -> dict[str, Any]:
-    """Everything, for machines."""
+    """Returns everything as a JSON object."""
     first, last = found.span
     return {
         "path": str(bag.path),
@@ -34,7 +34,7 @@ def as_json(bag: Bag, found: Survey, estimators: Sequence[Use]) -> dict[str, Any
 
 
 def parts(bag: Bag, found: Survey, estimators: Sequence[Use]) -> Iterator[RenderableType]:
-    """The same, for a terminal."""
+    """Yields everything for a terminal."""
     first, last = found.span
     count = sum(topic.count for topic in found.topics.values())
     yield Text(f"{bag.path}: {count} messages in {len(bag.files)} file(s)", style="bold")
@@ -44,6 +44,8 @@ def parts(bag: Bag, found: Survey, estimators: Sequence[Use]) -> Iterator[Render
     for name, topic in found.topics.items():
         if sentence := "; ".join(_oddities(topic)):
             yield Text(f"{name}: {sentence}")
+    for name, refused in bag.refused.items():
+        yield Text(f"{name}: encoded as '{refused.encoding}', not cdr: it can be copied and hashed, not decoded")
     for name, record in bag.metadata.items():
         short = ", ".join(f"{key} {' '.join(value.split())[:60]}" for key, value in record.items())
         yield Text(f"metadata {name}: {short}")
@@ -73,6 +75,10 @@ def _oddities(topic: TopicSurvey) -> Iterator[str]:
         yield f"by up to {topic.largest_step_back_s:.3g} s"
     if topic.unset_stamps:
         yield f"{topic.unset_stamps} message(s) without a stamp"
+    if topic.unset_log_times:
+        yield f"{topic.unset_log_times} message(s) of log time 0, left out of the bag's span"
+    if topic.other_types:
+        yield f"messages of other types, too: {', '.join(topic.other_types)}"
 
 
 def _sentence(use: Use) -> str:

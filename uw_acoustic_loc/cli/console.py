@@ -1,4 +1,4 @@
-"""What a person at the terminal sees: progress bars, prefixed log lines."""
+"""Output for a person at the terminal: progress bars, prefixed log lines."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright
 
 @contextmanager
 def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
-    """A bar over seconds of the scenario or bag; gives the function that sets it. Silent where there is no terminal.
+    """Shows a bar over seconds of the scenario or bag; gives the function that sets it. Silent without a terminal.
 
     Another unit than seconds has no real time to be compared with.
     """
@@ -44,12 +44,12 @@ def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[
 
 
 def wide(columns: int) -> Console:
-    """A console for stdout of that width at least: names stay in one piece, for eyes and for grep."""
+    """Returns a console for stdout of at least that width, so that names are not broken over lines."""
     return Console(width=max(Console().width, columns))
 
 
 def damage_code(damage: Sequence[str]) -> int:
-    """Says what is wrong with a bag; the exit code that goes with it."""
+    """Prints what is wrong with a bag; returns the exit code for it."""
     for sentence in damage:
         print(f"uwloc: {sentence}", file=sys.stderr)
     return 1 if damage else 0

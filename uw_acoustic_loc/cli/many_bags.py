@@ -29,8 +29,8 @@ def process_many(options: Namespace) -> int:
     with progress("process", sum(seconds.values())) as bar, ThreadPoolExecutor(options.jobs) as pool:
         runs = {pool.submit(_run, bag, outputs[bag], options): bag for bag in options.bag}
         for count, run in enumerate(as_completed(runs), 1):
-            bag, (code, said) = runs[run], run.result()
-            STDERR.print(f"[{count}/{len(runs)}] {bag}: {said}", markup=False, soft_wrap=True)
+            bag, (code, message) = runs[run], run.result()
+            STDERR.print(f"[{count}/{len(runs)}] {bag}: {message}", markup=False, soft_wrap=True)
             failed += code != 0
             done += seconds[bag]
             bar(done)
@@ -39,16 +39,19 @@ def process_many(options: Namespace) -> int:
 
 
 def _run(bag: Path, output: Path, options: Namespace) -> tuple[int, str]:
-    """Exit code, and what the program said, in one line."""
+    """Processes a bag; returns the exit code and the program's messages in one line."""
     command = [sys.executable, "-m", "uw_acoustic_loc", "process", bag, "--graph", options.graph, "-o", output]
     command += ["--keep-inputs"] if options.keep_inputs else []
+    command += ["--allow-unused"] if options.allow_unused else []
+    command += ["--msg-path", options.msg_path] if options.msg_path else []
     for pair in options.remap:
         command += ["--remap", pair]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
-    said = [line for line in done.stderr.splitlines() if line.strip()]
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
     if done.returncode != 0:
-        return done.returncode, f"failed with exit code {done.returncode}: {said[-1] if said else 'it said nothing'}"
-    return 0, "; ".join(said)
+        last = lines[-1] if lines else "without a message"
+        return done.returncode, f"failed with exit code {done.returncode}: {last}"
+    return 0, "; ".join(lines)
 
 
 def _outputs(bags: list[Path], folder: Path) -> dict[Path, Path]:
@@ -62,7 +65,7 @@ def _outputs(bags: list[Path], folder: Path) -> dict[Path, Path]:
 
 
 def _seconds(bag: Path) -> float:
-    """Length of a bag; 0 for one that will be refused when its turn comes."""
+    """Returns the length of a bag in s; 0 for one that will be refused when its turn comes."""
     try:
         first, last = Bag(bag).span()
     except (ValueError, OSError):

@@ -3,6 +3,9 @@
 Parameterisation S1 (Samorodnitsky and Taqqu 1994; that of scipy.stats.levy_stable by default): for alpha > 1 the
 location is the mean. S0 (Nolan) shifts it so that the density moves continuously with alpha; see `s0_location`.
 alpha = 2 is Gaussian with variance 2 scale^2, alpha = 1 and beta = 0 Cauchy, alpha = 0.5 and beta = 1 Levy.
+
+Filters that take Gaussian noise use a weight w in (0, 1] for each measurement, which divides its variance (iteratively
+reweighted least squares, one step), where a gate knows 0 and 1 only.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ _STEP = 1 / 64  # of the standard density's grid: its Fourier transform is cut o
 _POINTS = 2**18
 _PER_STD = 100
 _FLOOR = math.exp(-650)
+_LEAST_WEIGHT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -154,3 +158,25 @@ class LikelihoodTable:
 def likelihood_table(noise: ImpulsiveNoise) -> LikelihoodTable:
     """The table of a noise, made once."""
     return LikelihoodTable(noise)
+
+
+def mixture_weights(innovations: Array, predicted_var: Array, noise: ImpulsiveNoise) -> Array:
+    """Probability of each error (n,) to be of the noise's Gaussian part, the Bayes rule for its two parts.
+
+    `predicted_var` (n,) is that of the predicted measurement, without the noise; impulses are taken to be far wider.
+    """
+    if noise.fraction == 0:
+        return np.ones(np.shape(innovations))
+    S = predicted_var + noise.std**2
+    gaussian = (1 - noise.fraction) * np.exp(-0.5 * np.square(innovations) / S) / np.sqrt(2 * np.pi * S)
+    impulse = noise.fraction * noise.impulse.density(innovations / noise.std) / noise.std
+    return np.asarray(np.maximum(gaussian / np.maximum(gaussian + impulse, 1e-300), _LEAST_WEIGHT))
+
+
+def student_t_weights(innovations: Array, predicted_var: Array, std: Array | float, dof: float) -> Array:
+    """The same for Student-t noise of `dof` degrees of freedom and scale `std` (Lange, Little, Taylor 1989).
+
+    A weight does not exceed 1: a small innovation makes nothing more precise than it is.
+    """
+    nis = np.square(innovations) / (predicted_var + np.square(std))
+    return np.asarray(np.minimum((dof + 1) / (dof + nis), 1.0))

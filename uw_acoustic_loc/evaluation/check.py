@@ -1,4 +1,4 @@
-"""A bag against what a file expects of it, for tests of nodes in continuous integration."""
+"""Compares a bag with a file of expected values, for tests of nodes in continuous integration."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ..bag.definitions import deserialized
 from ..bag.fingerprint import TIMER_DRIVEN, fingerprints
 from ..bag.reader import Bag
-from ..bag.rosbags_messages import deserialize
 from ..bag.survey import TopicSurvey, survey
 from ..config import build, param
 from ..core.types import Array
@@ -24,7 +24,7 @@ from .score import score
 
 @dataclass(frozen=True)
 class ExpectedField:
-    """Every number that a field has in any message of the topic; `rows.<column>` is a column of a PointCloud2."""
+    """The range of every number of a field in every message; `rows.<column>` is a column of a PointCloud2."""
 
     field: str = param(doc="such as pose.pose.position.x or pose.covariance[35]")
     range: tuple[float, ...] = param(length=2)
@@ -35,7 +35,7 @@ class ExpectedField:
 
 @dataclass(frozen=True)
 class ExpectedTopic:
-    """What a topic must have; what is left out is not checked. Ranges are [lowest, highest], both allowed."""
+    """What a topic must have; what is left out is not checked. Ranges are [lowest, highest], both included."""
 
     name: str = param()
     type: str = param("")
@@ -57,7 +57,7 @@ class ExpectedTopic:
 
 @dataclass(frozen=True)
 class ExpectedScore:
-    """A number of `uwloc score --json`, such as bearing.a.rmse_deg."""
+    """The range of a number of `uwloc score --json`, such as bearing.a.rmse_deg."""
 
     name: str = param()
     range: tuple[float, ...] = param(length=2)
@@ -86,12 +86,12 @@ class Check:
 
     @property
     def sentence(self) -> str:
-        """For a violation."""
+        """The violation in words."""
         return f"{self.what} must be {self.expected}, got {self.found}"
 
 
 def load_expected(path: Path) -> Expected:
-    """Reads the file; ValueError with one sentence for whatever is wrong in it."""
+    """Reads the file; ValueError with one sentence for anything wrong in it."""
     expected = build(Expected, load_yaml(path, "expectation") or {}, f"expectation {path}")
     if not expected.topics and not expected.scores:
         raise ValueError(f"expectation {path} must have topics or scores, it has none")
@@ -99,7 +99,7 @@ def load_expected(path: Path) -> Expected:
 
 
 def checked(path: Path, expected: Expected) -> Iterator[Check]:
-    """All checks, in the order of the file."""
+    """Yields all checks, in the order of the file."""
     bag = Bag(path)
     found = survey(bag)
     for wanted in expected.topics:
@@ -159,7 +159,7 @@ def _of_field(bag: Bag, topic: str, wanted: ExpectedField) -> Check:
 
 def _values(bag: Bag, topic: str, field: str) -> Array:
     records = bag.records([topic])
-    found = [numbers(deserialize(record.data, record.msgtype), field) for record in records]
+    found = [numbers(deserialized(record), field) for record in records]
     return np.concatenate(found) if found else np.array([])
 
 
@@ -172,7 +172,7 @@ def _in_range(what: str, allowed: tuple[float, ...], value: float | None) -> Che
 
 
 def _lookup(scored: dict[str, Any], name: str) -> float | None:
-    """A dotted name; keys may have dots or slashes of their own."""
+    """Returns the number under a dotted name; keys may have dots or slashes of their own."""
     for key, part in scored.items():
         if key == name:
             return float(part) if isinstance(part, int | float) else None

@@ -17,7 +17,7 @@ from .recording import Recording, Series
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Estimates, their errors and covariances; of positions in map, in the first D axes."""
+    """Estimates with their errors and covariances; for positions in map, in the first D axes."""
 
     t_ns: AnyArray  # (n,)
     estimate: Array  # (n, 3) position, or (n, 1) angle or speed
@@ -26,30 +26,30 @@ class Errors:
 
     @property
     def known(self) -> AnyArray:
-        """(n,) whether the covariance is known."""
+        """Whether each covariance is known, (n,)."""
         return np.asarray(np.linalg.eigvalsh(self.cov)[:, 0] > 0)
 
     @property
     def std(self) -> Array:
-        """(n, D) standard deviations, NaN where unknown."""
+        """Standard deviations (n, D), NaN where unknown."""
         variances = np.where(self.known[:, None], np.diagonal(self.cov, axis1=1, axis2=2), np.nan)
         return np.asarray(np.sqrt(variances))
 
     @property
     def distance(self) -> Array:
-        """(n,) length of the error."""
+        """Lengths of the errors (n,)."""
         return np.asarray(np.linalg.norm(self.error, axis=1))
 
     @property
     def nees(self) -> Array:
-        """NEES divided by D of the estimates with a known covariance."""
+        """NEES divided by D of the estimates with a known covariance; 1 on average if honest."""
         error, cov = self.error[self.known], self.cov[self.known]
         weighted = np.linalg.solve(cov, error[:, :, None])[:, :, 0]
         return np.asarray(np.sum(error * weighted, axis=1) / error.shape[1])
 
 
-class Path:
-    """A pose over time, between the messages of an odometry topic."""
+class TruePoses:
+    """The poses of an odometry topic, interpolated between its messages."""
 
     def __init__(self, series: Series) -> None:
         self._t_ns = series.t_ns
@@ -57,11 +57,11 @@ class Path:
         self._yaw = np.unwrap([yaw_from_quat(value.quat_xyzw) for value in series.values])
 
     def covers(self, t_ns: AnyArray) -> AnyArray:
-        """(n,) whether the stamps lie within the path."""
+        """Returns (n,) whether the stamps lie between the first pose and the last."""
         return np.asarray((t_ns >= self._t_ns[0]) & (t_ns <= self._t_ns[-1]))
 
     def at(self, t_ns: AnyArray) -> tuple[Array, Array]:
-        """Positions (n, 3) and yaw (n,)."""
+        """Returns positions (n, 3) and yaw (n,) at stamps (n,)."""
         since, known = (t_ns - self._t_ns[0]) * 1e-9, (self._t_ns - self._t_ns[0]) * 1e-9
         position = np.stack([np.interp(since, known, axis) for axis in self.positions.T], axis=1)
         return position, wrap_angles(np.interp(since, known, self._yaw))
@@ -69,39 +69,39 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """Where a frame stands in map: turned by yaw, then shifted."""
+    """The pose of a frame in map: turned by yaw, then shifted."""
 
     origin: Array  # (3,)
     yaw: float
 
     @property
     def rotation(self) -> Array:
-        """(3, 3)."""
+        """The rotation (3, 3) to map."""
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
     def positions(self, positions: Array) -> Array:
-        """(n, 3) in map."""
+        """Returns positions (n, 3) in map."""
         return np.asarray(positions @ self.rotation.T + self.origin)
 
     def covs(self, covs: Array) -> Array:
-        """(n, 3, 3) in map; the unknown (-1) stays unknown."""
+        """Returns covariances (n, 3, 3) in map; an unknown one (-1) stays unknown."""
         return np.asarray(self.rotation @ covs @ self.rotation.T)
 
 
 MAP = Frame(np.zeros(3), 0.0)
 
 
-def true_vehicle(recording: Recording, space: str) -> Path | None:
-    """The true path of the vehicle in a namespace; of the only vehicle whose truth is known, where names differ."""
+def true_vehicle(recording: Recording, space: str) -> TruePoses | None:
+    """Returns the true poses of the vehicle in a namespace; where names differ, of the only vehicle with a truth."""
     paths = list(recording.all("true_vehicle"))
     named = [series for series in paths if series.id == space.rsplit("/", maxsplit=1)[-1]]
     found = named or (paths if len(paths) == 1 else [])
-    return Path(found[0]) if found else None
+    return TruePoses(found[0]) if found else None
 
 
-def map_from_odom(recording: Recording, space: str, truth: Path) -> Frame | None:
-    """`odom` as it stands in map.
+def map_from_odom(recording: Recording, space: str, truth: TruePoses) -> Frame | None:
+    """Returns the pose of `odom` in map.
 
     `odom` is the pose of base_link at the start of the run, where dead reckoning and SLAM begin with 0, 0, 0 and yaw 0.
     So the true pose at the first odometry (else slam) stamp, less the pose that this message reports, is map <- odom;
@@ -116,15 +116,15 @@ def map_from_odom(recording: Recording, space: str, truth: Path) -> Frame | None
     return Frame(true_position[0] - turn.positions(first.position), turn.yaw)
 
 
-def frame_of(recording: Recording, series: Series, truth: Path | None) -> Frame | None:
-    """The frame of a series' positions in map: map itself, or the vehicle's odom; None when it is not known."""
+def frame_of(recording: Recording, series: Series, truth: TruePoses | None) -> Frame | None:
+    """Returns the pose in map of a series' frame, map itself or the vehicle's odom; None when it is not known."""
     if series.values[0].frame_id.split("/")[-1] == "map":
         return MAP
     return map_from_odom(recording, series.space, truth) if truth else None
 
 
 def source_errors(recording: Recording, series: Series) -> Errors | None:
-    """Horizontal errors of a pinger's estimated position."""
+    """Returns horizontal errors of a pinger's estimated position."""
     true = recording.source(series.id)
     frame = frame_of(recording, series, true_vehicle(recording, series.space))
     if true is None or frame is None:
@@ -133,20 +133,20 @@ def source_errors(recording: Recording, series: Series) -> Errors | None:
 
 
 def vehicle_errors(recording: Recording, series: Series) -> Errors | None:
-    """Horizontal errors of a vehicle's odometry, corrected or not."""
+    """Returns horizontal errors of a vehicle's odometry, corrected or not."""
     truth = true_vehicle(recording, series.space)
     frame = frame_of(recording, series, truth)
     return _path_errors(series, frame, truth, 2) if truth and frame else None
 
 
 def target_errors(recording: Recording, series: Series) -> Errors | None:
-    """Errors in 3-D of the buoys' target."""
+    """Returns errors in 3-D of the buoys' target."""
     true = recording.one("true_target")
-    return _path_errors(series, MAP, Path(true), 3) if true else None
+    return _path_errors(series, MAP, TruePoses(true), 3) if true else None
 
 
 def mooring_errors(recording: Recording, series: Series) -> Errors | None:
-    """Errors along x of a mooring's offset, estimated or measured."""
+    """Returns errors along x of a mooring's offset, estimated or measured."""
     true = recording.one("true_mooring", name=series.id)
     if true is None:
         return None
@@ -156,7 +156,7 @@ def mooring_errors(recording: Recording, series: Series) -> Errors | None:
     return _errors(series.t_ns[matched], (positions[matched], covs[matched]), offsets, 1) if matched.any() else None
 
 
-def _path_errors(series: Series, frame: Frame, truth: Path, dims: int) -> Errors | None:
+def _path_errors(series: Series, frame: Frame, truth: TruePoses, dims: int) -> Errors | None:
     inside = truth.covers(series.t_ns)
     if not inside.any():
         return None
@@ -171,7 +171,7 @@ def _errors(t_ns: AnyArray, estimates: tuple[Array, Array], truth: Array, dims: 
 
 
 def _estimates(series: Series, frame: Frame) -> tuple[Array, Array]:
-    """Positions (n, 3) and covariances (n, 3, 3) in map."""
+    """Returns positions (n, 3) and covariances (n, 3, 3) in map."""
     positions = np.array([value.position for value in series.values])
     covs = np.array([_cov(value) for value in series.values])
     return frame.positions(positions), frame.covs(covs)
@@ -184,7 +184,7 @@ def _cov(value: object) -> Array:
 
 
 def _same_stamp(t_ns: AnyArray, true_ns: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Which stamps the truth has too, and at which of its rows."""
+    """Returns which stamps the truth has too, and the rows where it has them."""
     index = np.minimum(np.searchsorted(true_ns, t_ns), len(true_ns) - 1)
     matched = true_ns[index] == t_ns
     return matched, index[matched]

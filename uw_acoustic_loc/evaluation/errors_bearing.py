@@ -6,12 +6,12 @@ import numpy as np
 
 from ..core.geometry import wrap_angles
 from ..core.types import Array
-from .errors import Errors, Path, true_vehicle
+from .errors import Errors, TruePoses, true_vehicle
 from .recording import Recording, Series
 
 
 def bearing_errors(recording: Recording, series: Series) -> Errors | None:
-    """Errors in rad, one per ping: of two bearings with the same stamp (both sides) the one nearer to the truth counts.
+    """Returns errors in rad, one per ping: of two bearings with one stamp (both sides) that nearer to the truth counts.
 
     The truth is the azimuth of the source in base_link, seen from the position that the message gives.
     """
@@ -29,8 +29,8 @@ def bearing_errors(recording: Recording, series: Series) -> Errors | None:
     return Errors(t_ns[nearest], bearings[nearest, None], error[nearest, None], variances[nearest, None, None])
 
 
-def _azimuths(path: Path, t_ns: Array, arrays: Array, source: Array) -> Array:
-    """(n,) of the source in base_link, seen from the arrays' positions (n, 3) in base_link."""
+def _azimuths(path: TruePoses, t_ns: Array, arrays: Array, source: Array) -> Array:
+    """Returns azimuths (n,) of the source in base_link, from the arrays' positions (n, 3) in base_link."""
     positions, yaw = path.at(t_ns)
     cos, sin = np.cos(yaw), np.sin(yaw)
     x = positions[:, 0] + cos * arrays[:, 0] - sin * arrays[:, 1]

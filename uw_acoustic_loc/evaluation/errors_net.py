@@ -1,4 +1,4 @@
-"""What the nets of buoys and sonars say, against the truth: sound speed and single-ping fixes."""
+"""Errors of the buoys' sound speed and of the sonar net's single-ping fixes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ..sim.targets import met_by_ping
 from .errors import Errors
 from .recording import Recording, Series
 
-SOUND_SPEED = 1500.0  # m/s, for the way from transmitter to target; 3 % of it move a fix of 10 m/s at 3 km by 0.6 m
+SOUND_SPEED = 1500.0  # m/s, from transmitter to target; 3 % of it move a fix of a target of 10 m/s at 3 km by 0.6 m
 
 
 def sound_speed_errors(recording: Recording, series: Series) -> Errors | None:
-    """Errors in m/s against the last true value at each log time (the message has no stamp)."""
+    """Returns errors in m/s against the last true value at each log time (the message has no stamp)."""
     true = recording.one("true_sound_speed")
     if true is None:
         return None
@@ -27,17 +27,17 @@ def sound_speed_errors(recording: Recording, series: Series) -> Errors | None:
 
 
 def _variances(recording: Recording, series: Series) -> Array:
-    """(n, 1, 1) of sound speeds, from the std that was logged at the same time; -1 unknown."""
+    """Returns the variances (n, 1, 1) of sound speeds by the std logged at the same time; -1 is unknown."""
     stds = recording.one("sound_speed_std", series.space)
     known = {value.t_ns: value.value**2 for value in stds.values} if stds else {}
     return np.array([known.get(int(t_ns), -1.0) for t_ns in series.t_ns])[:, None, None]
 
 
 def fix_errors(recording: Recording, series: Series) -> Errors | None:
-    """Horizontal errors of single-ping fixes against the nearest true target of the same stamp.
+    """Returns horizontal errors of single-ping fixes against the nearest true target of the same stamp.
 
-    A fix is where the ping met the target, the stamp is the ping's transmission: the truth is moved on by its velocity
-    for the ping's way from the transmitter, where sonar/positions tells of one.
+    A fix is where the ping met the target, its stamp is the ping's transmission. So the truth is moved along its
+    velocity by the ping's travel time from the transmitter, where sonar/positions has one.
     """
     true = recording.one("true_targets")
     if true is None:
@@ -53,18 +53,18 @@ def fix_errors(recording: Recording, series: Series) -> Errors | None:
 
 
 def track_count(series: Series) -> int:
-    """How many different tracks there were."""
+    """Counts the different tracks."""
     return len({int(number) for tracks in series.values for number in tracks.id})
 
 
 def _nearest(fix: Position, targets: Array) -> Array:
-    """(2,) error to the nearest of targets (T, 3)."""
+    """Returns the error (2,) against the nearest of targets (T, 3)."""
     errors = (fix.position - targets)[:, :2]
     return np.asarray(errors[np.argmin(np.hypot(*errors.T))])
 
 
 def _where_met(targets: Tracks, transmitter: Array | None) -> Array:
-    """(T, 3)."""
+    """Returns where the ping met the targets, (T, 3)."""
     positions = np.stack([targets.x, targets.y, targets.z], axis=1)
     if transmitter is None:
         return positions

@@ -1,4 +1,4 @@
-"""Numbers of a message by the name of their field."""
+"""Reads the numbers of a message by the name of their field."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..wire.record import table
 
 
 def numbers(message: Any, field: str) -> Array:
-    """(N,) what a field such as `pose.covariance[35]` holds; of a list of messages, what all of them hold.
+    """Returns (N,) the numbers of a field such as `pose.covariance[35]`, through lists of messages too.
 
     Raises:
         ValueError: there is no such field, or it holds no numbers.

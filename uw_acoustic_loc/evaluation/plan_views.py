@@ -1,4 +1,4 @@
-"""Plan views: where everything truly was, and where it was estimated to be."""
+"""Plan views of true and estimated positions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..core.types import Array, NodePositions
-from .errors import MAP, Frame, Path, frame_of, true_vehicle
+from .errors import MAP, Frame, TruePoses, frame_of, true_vehicle
 from .plot import (
     BLUE,
     GREEN,
@@ -31,14 +31,14 @@ KM = 1e-3
 
 
 def vehicle_plans(recording: Recording) -> Iterator[Picture]:
-    """One plan view per vehicle."""
+    """Yields a plan view per vehicle."""
     spaces = {s.space for role in ("odometry", "slam", "source", "slam_source") for s in recording.all(role)}
     for space in sorted(spaces):
         yield _vehicle_plan(recording, space)
 
 
 def net_plans(recording: Recording) -> Iterator[Picture]:
-    """The buoys with their target, the sonar net with its own."""
+    """Yields plan views of the buoys with their target and of the sonar net with its targets."""
     if recording.one("target") or recording.one("buoys"):
         yield _buoy_plan(recording)
     if any(recording.one(role) for role in ("fix", "tracks", "true_targets")):
@@ -87,7 +87,7 @@ def _buoy_plan(recording: Recording) -> Picture:
 
 def _buoy_tracks(axis: Any, recording: Recording, scale: float) -> None:
     if true := recording.one("true_target"):
-        _line(axis, Path(true).positions * scale, TRUTH, "true track", 2.2, 0.55)
+        _line(axis, TruePoses(true).positions * scale, TRUTH, "true track", 2.2, 0.55)
     if target := recording.one("target"):
         _line(axis, _positions(target, MAP) * scale, GREEN, "track from arrivals")
 
@@ -128,7 +128,7 @@ def _tracks(axis: Any, series: Series, colour: str, label: str | None, width: fl
 
 
 def _estimated_pinger(axis: Any, series: Series, frame: Frame, colour: str, label: str | None) -> Array:
-    """Draws the last estimate; returns where."""
+    """Draws the last estimate and returns its position (3,)."""
     last = series.values[-1]
     centre: Array = frame.positions(last.position[None])[0]
     axis.plot(*centre[:2], "o", color=colour, markersize=4.5, label=label, zorder=4)
@@ -137,7 +137,7 @@ def _estimated_pinger(axis: Any, series: Series, frame: Frame, colour: str, labe
 
 
 def _true_pinger(axis: Any, series: Series, estimate: Array | None, label: str | None) -> None:
-    """Its name stands on the side away from the estimate."""
+    """Draws the true position, its name on the side away from the estimate."""
     at = series.values[-1].position[:2]
     axis.plot(*at, "*", color=TRUTH, markersize=11, markeredgecolor="white", markeredgewidth=0.6, label=label, zorder=5)
     away = np.ones(2) if estimate is None else np.where(at < estimate[:2], -1.0, 1.0)
@@ -168,10 +168,10 @@ def _line(axis: Any, positions: Array, colour: str, label: str, width: float = 1
 
 
 def _positions(series: Series, frame: Frame) -> Array:
-    """(n, 3) in the frame of the picture."""
+    """Returns positions (n, 3) in the frame of the picture."""
     return frame.positions(np.array([value.position for value in series.values]))
 
 
-def _frame(recording: Recording, series: Series, truth: Path | None) -> Frame:
-    """Without the truth the picture is in the estimates' own frame."""
+def _frame(recording: Recording, series: Series, truth: TruePoses | None) -> Frame:
+    """Returns the series' frame; without the truth the picture is in the estimates' own frame."""
     return frame_of(recording, series, truth) or MAP

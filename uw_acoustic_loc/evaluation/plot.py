@@ -14,7 +14,7 @@ from matplotlib.patches import Ellipse
 
 from ..core.types import AnyArray, Array
 
-# Okabe and Ito 2008: told apart by colour-blind eyes too
+# Okabe and Ito 2008: distinct for colour-blind readers too
 TRUTH, RAW = "#222222", "#8c8c8c"
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 CYCLE = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
@@ -51,26 +51,26 @@ class Picture:
 
 
 def style() -> Any:
-    """Context in which pictures are drawn."""
+    """Returns the context in which pictures are drawn."""
     return mpl.rc_context(_STYLE)
 
 
 def canvas(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, AnyArray]:
-    """A figure with axes (rows, columns); height in inch of a row."""
+    """Makes a figure with axes (rows, columns); `height` is a row's, in inch."""
     layout = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.06)
     figure = Figure(figsize=(WIDTH, rows * height + 0.35), layout=layout)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def picture(title: str, caption: str, figure: Figure) -> Picture:
-    """The finished figure."""
+    """Returns the finished figure."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=_DPI)
     return Picture(title, caption, stream.getvalue())
 
 
 def legend_below(figure: Figure, *axes: Any) -> None:
-    """One legend under the figure for what is drawn in `axes`, each name once."""
+    """Draws one legend under the figure for what is drawn in `axes`, each name once."""
     found: dict[str, Any] = {}
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
@@ -79,7 +79,7 @@ def legend_below(figure: Figure, *axes: Any) -> None:
 
 
 def band(axis: Any, time: Array, error: Array, std: Array, colour: str, marker: str = "") -> None:
-    """An error over time on its 3-sigma band; the few that lie far outside are cut off, and counted in the corner."""
+    """Draws errors over time on their 3-sigma band; far outliers are cut off and counted in the corner."""
     lower, upper = -3 * std, 3 * std
     axis.fill_between(time, lower, upper, color=colour, alpha=0.18, linewidth=0, label="3 sigma")
     axis.axhline(0.0, color=TRUTH, linewidth=0.6)
@@ -96,7 +96,7 @@ def band(axis: Any, time: Array, error: Array, std: Array, colour: str, marker: 
 
 
 def ellipse(axis: Any, centre: Array, cov: Array, colour: str) -> None:
-    """The 2-sigma ellipse of a covariance (2, 2)."""
+    """Draws the 2-sigma ellipse of a covariance (2, 2)."""
     variances, directions = np.linalg.eigh(cov)
     angle = np.degrees(np.arctan2(directions[1, 1], directions[0, 1]))
     minor, major = 4 * np.sqrt(variances)
@@ -105,7 +105,7 @@ def ellipse(axis: Any, centre: Array, cov: Array, colour: str) -> None:
 
 
 def plan(axis: Any, unit: str, frame: str = "map") -> None:
-    """Equal scales and names of the axes of a plan view."""
+    """Gives a plan view equal scales and the names of its axes."""
     axis.set_aspect("equal", adjustable="datalim")
     axis.margins(0.08)
     east, north = ("east", "north") if frame == "map" else ("x", "y")

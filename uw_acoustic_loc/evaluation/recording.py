@@ -1,8 +1,7 @@
-"""A bag as series of core values: what each topic is, is told by its name, whatever namespace it stands in."""
+"""A bag as series of core values; a topic's role follows from its name, in any namespace."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ..bag.definitions import decoded
 from ..bag.reader import Bag, Record
-from ..bag.rosbags_messages import decode
-from ..core.types import AnyArray, Bearing, NodePositions, Odometry, Point, Position, Scalar, Tracks
+from ..core.types import AnyArray, Scalar
+from ..topics import TOPICS, KnownTopic, Place, find
 from ..wire.codec import codec
 
 
@@ -21,7 +21,7 @@ class Series:
     """The messages of one topic, in stamp order."""
 
     topic: str
-    role: str  # what the topic is, one of ROLES
+    role: str  # what the topic is, see uw_acoustic_loc.topics
     space: str  # its namespace, "" = root
     id: str  # of the source, mooring or true vehicle; "" where there is one only
     values: list[Any]
@@ -59,23 +59,23 @@ class Recording:
 
     @property
     def spaces(self) -> list[str]:
-        """Namespaces in which a vehicle's estimators speak."""
+        """The namespaces of vehicles' estimators."""
         return sorted({series.space for series in self.series if series.role in VEHICLE_ROLES})
 
     def all(self, role: str, space: str | None = None) -> Iterator[Series]:
-        """The series of a role (in one namespace only, when given)."""
+        """Yields the series of a role (in one namespace only, when given)."""
         return (s for s in self.series if s.role == role and space in (None, s.space))
 
     def one(self, role: str, space: str | None = None, name: str | None = None) -> Series | None:
-        """The first series of a role (and namespace, and id)."""
+        """Returns the first series of a role (and namespace, and id)."""
         return next((s for s in self.all(role, space) if name in (None, s.id)), None)
 
     def source(self, name: str) -> Series | None:
-        """The true position of a source."""
+        """Returns the true position of a source."""
         return self.one("true_source", name=name)
 
     def label(self, space: str, name: str) -> str:
-        """A name in the score: as it is for the first vehicle, `vehicle/name` for the others."""
+        """Returns a name in the score: `name` itself for the first vehicle, `vehicle/name` for the others."""
         first = not self.spaces or space == self.spaces[0]
         return name if first else f"{space.strip('/')}/{name}"
 
@@ -107,16 +107,14 @@ def load(path: Path) -> Recording:
 class _Reader:
     """Decodes the messages of one topic."""
 
-    def __init__(self, topic: str, role: str, kind: type, match: re.Match[str]) -> None:
-        found = match.groupdict()
-        self.topic, self._role, self._kind = topic, role, kind
-        self._space, self._id = found.get("space") or "", found.get("id") or ""
+    def __init__(self, topic: str, row: KnownTopic, place: Place) -> None:
+        self.topic, self._row, self._place = topic, row, place
         self.pairs: list[tuple[Any, int]] = []  # value, log time
         self.refused, self.sentence = 0, ""
 
     def read(self, record: Record) -> None:
         try:
-            value = decode(self._kind, record.data, record.t_ns)
+            value = decoded(self._row.kind, record)
         except ValueError as error:
             self.refused += 1
             self.sentence = self.sentence or str(error)
@@ -126,43 +124,18 @@ class _Reader:
     def series(self) -> Series:
         self.pairs.sort(key=lambda pair: int(pair[0].t_ns))
         log_ns = np.array([t_ns for _, t_ns in self.pairs], dtype=np.int64)
-        return Series(self.topic, self._role, self._space, self._id, [value for value, _ in self.pairs], log_ns)
+        values = [value for value, _ in self.pairs]
+        return Series(self.topic, self._row.role, self._place.space, self._place.id, values, log_ns)
 
 
 def _reader(topic: str, msgtype: str) -> _Reader | None:
-    """None for a topic that is none of ROLES, or that only has the name of one."""
-    for role, (pattern, kind) in ROLES.items():
-        if (match := re.fullmatch(pattern, topic)) and codec(kind).msgtype == msgtype:
-            return _Reader(topic, role, kind, match)
-    return None
+    """None for a topic that has no role in scoring, or that only has the name of one."""
+    row, place = find(topic) or (None, None)
+    if row is None or place is None or not row.role or codec(row.kind).msgtype != msgtype:
+        return None
+    return _Reader(topic, row, place)
 
 
-_SPACE = r"(?!/truth/)(?P<space>(?:/[^/]+)*)"
-_ID = r"(?P<id>[^/]+)"
-
-# The first that fits: `slam/odometry` stands before `odometry`, which any namespace may precede.
-ROLES: dict[str, tuple[str, type]] = {
-    "true_source": (rf"/truth/sources/{_ID}/position", Point),
-    "true_targets": (r"/truth/sonar/targets", Tracks),
-    "true_target": (r"/truth/target/odometry", Odometry),
-    "true_sound_speed": (r"/truth/target/sound_speed", Scalar),
-    "true_mooring": (rf"/truth/mooring/{_ID}/odometry", Odometry),
-    "true_vehicle": (rf"/truth/{_ID}/odometry", Odometry),
-    "slam_source": (rf"{_SPACE}/slam/sources/{_ID}/position", Position),
-    "slam": (rf"{_SPACE}/slam/odometry", Odometry),
-    "bearing": (rf"{_SPACE}/sources/{_ID}/bearing", Bearing),
-    "source": (rf"{_SPACE}/sources/{_ID}/position", Position),
-    "mirror": (rf"{_SPACE}/sources/{_ID}/mirror_position", Position),
-    "target": (rf"{_SPACE}/target/odometry", Odometry),
-    "sound_speed": (rf"{_SPACE}/target/sound_speed", Scalar),
-    "sound_speed_std": (rf"{_SPACE}/target/sound_speed_std", Scalar),
-    "buoys": (rf"{_SPACE}/buoys/positions", NodePositions),
-    "sonar_nodes": (rf"{_SPACE}/sonar/positions", NodePositions),
-    "fix": (rf"{_SPACE}/sonar/fix", Position),
-    "tracks": (rf"{_SPACE}/sonar/tracks", Tracks),
-    "offset": (rf"{_SPACE}/mooring/{_ID}/offset", Point),
-    "mooring": (rf"{_SPACE}/mooring/{_ID}/odometry", Odometry),
-    "odometry": (rf"{_SPACE}/odometry", Odometry),
-}
-VEHICLE_ROLES = ("bearing", "source", "mirror", "slam", "slam_source")
-ESTIMATOR_ROLES = (*VEHICLE_ROLES, "target", "fix", "tracks", "mooring")  # with a header, so that latency is known
+VEHICLE_ROLES = [row.role for row in TOPICS if row.role and row.estimate_in == "vehicle"]
+# with a header, so that latency is known
+ESTIMATOR_ROLES = [row.role for row in TOPICS if row.role and row.estimate_in and row.kind is not Scalar]

@@ -47,7 +47,7 @@ def _head(recording: Recording) -> str:
 
 
 def _scores(scored: dict[str, Any]) -> str:
-    """The score's tables; latencies stand with the topics."""
+    """Returns the score's tables; latencies are shown with the topics."""
     found = [_sheet(sheet) for sheet in sheets({name: part for name, part in scored.items() if name != "latency"})]
     return f"<div class=scores>{''.join(found)}</div><p class=note>{_NOTE}</p>" if found else ""
 
@@ -95,7 +95,7 @@ def _topic(name: str, traffic: Traffic, latency: dict[str, float], span: tuple[i
 
 
 def _sparkline(times: np.ndarray[Any, Any], span: tuple[int, int]) -> str:
-    """Messages per bin of time as a small drawing, the fullest bin as high as the line."""
+    """Draws messages per bin of time, the fullest bin as high as the line."""
     if times.size < 2 or span[1] <= span[0]:
         return ""
     counts = np.histogram((times - span[0]) * 1e-9, _BINS, (0.0, (span[1] - span[0]) * 1e-9))[0]

@@ -21,7 +21,7 @@ Numbers = dict[str, Any]
 
 
 def score(recording: Recording) -> dict[str, Any]:
-    """Errors by section; a section, and each number in it, is there when its topics are in the bag.
+    """Returns errors by section; a section, and each number in it, is there when its topics are in the bag.
 
     nees_mean is NEES divided by its dimension, 1 for honest covariances: horizontal positions (localizer, slam,
     multistatic), positions in 3-D (toa; velocities are left out), the bearing as `nes_mean`.
@@ -39,7 +39,7 @@ def score(recording: Recording) -> dict[str, Any]:
 
 
 def table(scored: dict[str, Any]) -> Group:
-    """The score for people."""
+    """Returns the score as tables for a terminal."""
     return Group(*tables(scored))
 
 

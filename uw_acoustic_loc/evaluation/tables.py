@@ -24,7 +24,7 @@ class Sheet:
 
 
 def sheets(scored: dict[str, Any]) -> Iterator[Sheet]:
-    """The sections that the score has."""
+    """Yields the sections that the score has."""
     for section, title in _TITLES.items():
         if section in scored:
             rows = list(_rows(section, scored[section]))
@@ -34,7 +34,7 @@ def sheets(scored: dict[str, Any]) -> Iterator[Sheet]:
 
 
 def tables(scored: dict[str, Any]) -> Iterator[RenderableType]:
-    """The same for a terminal."""
+    """Yields the sections for a terminal."""
     for sheet in sheets(scored):
         drawn = Table(*sheet.columns, box=None, padding=(0, 2, 0, 0), header_style="dim")
         for column in drawn.columns[1:]:
@@ -46,13 +46,13 @@ def tables(scored: dict[str, Any]) -> Iterator[RenderableType]:
 
 
 def write_csv(sheet: Sheet, path: Path) -> None:
-    """A table as a file."""
+    """Writes a table as a CSV file."""
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([sheet.columns, *sheet.rows])
 
 
 def markdown(sheet: Sheet) -> str:
-    """A table as Markdown."""
+    """Returns a table as Markdown."""
     lines = [sheet.columns, ("---",) * len(sheet.columns), *sheet.rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..core.types import AnyArray, Array
-from .errors import Errors, Path, mooring_errors, source_errors, target_errors, vehicle_errors
+from .errors import Errors, TruePoses, mooring_errors, source_errors, target_errors, vehicle_errors
 from .errors_bearing import bearing_errors
 from .errors_net import fix_errors, sound_speed_errors
 from .plot import BLUE, CYCLE, GREEN, ORANGE, PURPLE, RAW, RED, TRUTH, Picture, band, canvas, legend_below, picture
@@ -26,7 +26,7 @@ class Traces:
         self._start_ns = recording.span[0]
 
     def pictures(self) -> Iterator[Picture]:
-        """Those whose topics are in the bag."""
+        """Yields the pictures whose topics are in the bag."""
         drawn = (self._bearings, self._localizer, self._slam, self._toa, self._multistatic, self._moorings, self._nees)
         for draw in drawn:
             yield from draw()
@@ -140,7 +140,12 @@ class Traces:
             axis.plot(self._time(raw.t_ns), measured, ".", color=RAW, markersize=3, label="measured")
         if true := self._recording.one("true_mooring", name=series.id):
             axis.plot(
-                self._time(true.t_ns), Path(true).positions[:, 0], color=TRUTH, linewidth=2, alpha=0.6, label="truth"
+                self._time(true.t_ns),
+                TruePoses(true).positions[:, 0],
+                color=TRUTH,
+                linewidth=2,
+                alpha=0.6,
+                label="truth",
             )
         axis.plot(self._time(series.t_ns), estimate, color=BLUE, label="filtered")
         reach = 4 * np.ptp(estimate) + 0.1
@@ -177,7 +182,7 @@ class Traces:
             axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=min(len(named), 6))
 
     def _named(self, role: str, errors_of: Any) -> Named:
-        """The series of a role that have a truth, under their names in the score."""
+        """Returns the errors of a role's series that have a truth, under their names in the score."""
         found = ((s, errors_of(self._recording, s)) for s in self._recording.all(role))
         return [(self._recording.label(s.space, s.id or "vehicle"), errors) for s, errors in found if errors]
 

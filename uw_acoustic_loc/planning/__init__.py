@@ -1,1 +1,1 @@
-"""What nets can do, before they are laid out."""
+"""The accuracy that nets of buoys and receivers can reach, before they are laid out."""

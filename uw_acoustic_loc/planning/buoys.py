@@ -1,4 +1,4 @@
-"""Maps of what the buoys can tell of a vehicle's position, with and without the bottom path."""
+"""Maps of the accuracy with which buoys can position a vehicle, with and without the bottom path."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class _Map:
 
 
 def maps(scenario: Scenario) -> Iterator[tuple[str, Sheet, Picture]]:
-    """For a known and for an unknown instant of emission.
+    """Yields maps for a known and for an unknown instant of emission.
 
     Raises:
         ValueError: the scenario has no buoys.
@@ -52,7 +52,7 @@ def maps(scenario: Scenario) -> Iterator[tuple[str, Sheet, Picture]]:
 
 
 def _z(scenario: Scenario) -> float:
-    """Of the map in m: the vehicle's, or the middle of the water."""
+    """Returns the map's z in m: the vehicle's, or the middle of the water."""
     return scenario.vehicle.z if scenario.vehicle else -scenario.environment.depth / 2
 
 
@@ -77,7 +77,7 @@ def _axes(positions: Array) -> tuple[Array, Array]:
 
 
 def _sheet(title: str, bounds: _Map, dilution: _Map) -> Sheet:
-    """Standard deviations, and dilution of precision: metres of them per metre of range error, sound speed known."""
+    """Returns standard deviations and dilution of precision (m per m of range error at a known sound speed)."""
     columns, values = ["x_m", "y_m"], list(np.meshgrid(bounds.x, bounds.y))
     for path in PATHS:
         name = path.replace(" ", "_")
@@ -103,7 +103,7 @@ def _picture(title: str, bounds: _Map, scenario: Scenario, buoys: Buoys) -> Pict
 
 
 def _row(figure: Any, axes: Any, bounds: _Map, values: dict[str, Array], name: str, buoys: Buoys) -> None:
-    """The same colours for every path: two decades at most, from the best value on."""
+    """Draws a row in the same colours for every path: two decades at most, from the best value on."""
     least, most = _span(np.stack(list(values.values())))
     for axis, (path, value) in zip(axes, values.items(), strict=True):
         shown = np.ma.masked_invalid(value)

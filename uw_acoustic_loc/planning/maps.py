@@ -1,4 +1,4 @@
-"""Maps of what the nets of a scenario can do, and the page that shows them."""
+"""Maps of the accuracy that a scenario's nets can reach, and the page that shows them."""
 
 from __future__ import annotations
 

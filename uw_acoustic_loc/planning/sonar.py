@@ -1,4 +1,4 @@
-"""Maps of what the sonar net can tell of a target's position from one ping."""
+"""Maps of the accuracy with which the sonar net can position a target from one ping."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from ..core.multistatic.bound import cramer_rao, dilution, position_error
-from ..core.multistatic.estimator import Net, Noise
+from ..core.multistatic.estimator import Noise, SonarNet
 from ..core.types import Array
 from ..evaluation.plot import RED, Picture, canvas, picture, plan, style
 from ..evaluation.tables import Sheet
@@ -22,7 +22,7 @@ KM = 1e-3
 
 
 def maps(scenario: Scenario) -> Iterator[tuple[str, Sheet, Picture]]:
-    """One map; its sheet has the same numbers.
+    """Yields one map; its sheet has the same numbers.
 
     Raises:
         ValueError: the scenario has no receivers.
@@ -40,9 +40,9 @@ def maps(scenario: Scenario) -> Iterator[tuple[str, Sheet, Picture]]:
     yield "sonar", _sheet(title, targets, values, dilution(net, targets)), _picture(title, axes, values, sonar)
 
 
-def _net(sonar: Sonar) -> Net:
+def _net(sonar: Sonar) -> SonarNet:
     transmitter = np.array([sonar.transmitter.x, sonar.transmitter.y])
-    return Net(transmitter, np.array([[node.x, node.y] for node in sonar.receivers]))
+    return SonarNet(transmitter, np.array([[node.x, node.y] for node in sonar.receivers]))
 
 
 def _noise(sonar: Sonar) -> Noise:
@@ -50,7 +50,7 @@ def _noise(sonar: Sonar) -> Noise:
     return Noise(np.full(count, sonar.range_std), np.full(count, sonar.bearing_std), sonar.range_noise == "rayleigh")
 
 
-def _axes(net: Net) -> tuple[Array, Array]:
+def _axes(net: SonarNet) -> tuple[Array, Array]:
     half = MARGIN * max(float(np.hypot(*(net.receivers - net.transmitter).T).max()), 100.0)
     x, y = (np.linspace(middle - half, middle + half, POINTS) for middle in net.transmitter)
     return x, y
@@ -92,10 +92,10 @@ def _map(panel: Any, axes: tuple[Array, Array], value: Array, sonar: Sonar, norm
 
 def _caption(sonar: Sonar) -> str:
     return (
-        "Cramer-Rao bound of the horizontal position error (root of the trace) when every receiver hears the echo. "
+        "Cramer-Rao bound of the horizontal position error (root of the trace) when every receiver detects the echo. "
         "Star: transmitter, triangles: receivers; "
         f"range sums {sonar.range_std:g} m, bearings {sonar.bearing_std:g} rad. "
-        "Colours span a factor of 30 from the best value; white: not determined. How far an echo is heard, and what "
+        "Colours span a factor of 30 from the best value; white: not determined. How far an echo is detected, and what "
         "the direct blast masks, is not part of it. The dilution of precision in the file is metres of error per metre "
         "of range-sum error, ranges alone."
     )

@@ -11,6 +11,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from ..contract import Status
+from ..stages.runner import REFUSED
+from .qos import PUBLISHER, overridable
 
 _SILENT_S = 5.0  # no input for so long is STALE
 
@@ -20,7 +22,9 @@ class Diagnostics:
 
     def __init__(self, node: Node, report: Callable[[], Status]) -> None:
         self._node, self._report = node, report
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = node.create_publisher(
+            DiagnosticArray, "/diagnostics", 10, qos_overriding_options=overridable(node, "/diagnostics", PUBLISHER)
+        )
         node.create_timer(1.0, self.publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publish(self) -> None:
@@ -50,7 +54,9 @@ class InputWatch:
         """An input came."""
         self._last_input = time.monotonic()
 
-    def status(self, stage: Status, missing: list[str], counts: Mapping[tuple[str, str], int]) -> Status:
+    def status(
+        self, stage: Status, missing: list[str], counts: Mapping[tuple[str, str], int], problems: list[str]
+    ) -> Status:
         """The stage's status with the counts, and the worst that is to be said first."""
         silent = time.monotonic() - self._last_input
         fresh = {key: count - self._before.get(key, 0) for key, count in counts.items()}
@@ -60,17 +66,17 @@ class InputWatch:
         values |= {f"{t} rate (Hz)": fresh[t, w] / seconds for t, w in counts if w == "received"}
         values |= stage.values
         level, message = stage.level, stage.message
-        refused = [f"{n} {what} on {topic}" for (topic, what), n in fresh.items() if n > 0 and what in _REFUSED]
-        if silent > _SILENT_S:
+        refused = [f"{n} {what} on {topic}" for (topic, what), n in fresh.items() if n > 0 and what in REFUSED]
+        if problems:
+            level, message = Status.ERROR, "; ".join(problems)
+        elif silent > _SILENT_S:
             level, message = self.STALE, f"no input for {silent:.0f} s"
         elif missing:
             level, message = max(level, Status.WARN), f"waiting for {', '.join(missing)}"
         elif refused:
-            level, message = max(level, Status.WARN), f"in the last second: {', '.join(refused)}"
+            news = f"in the last second: {', '.join(refused)}"
+            level, message = max(level, Status.WARN), f"{news}; {message}" if level > Status.OK else news
         return Status(level, message, values)
-
-
-_REFUSED = ("rejected", "malformed", "late", "overflowed")
 
 
 def _text(value: Any) -> str:

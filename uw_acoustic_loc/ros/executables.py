@@ -7,7 +7,7 @@ import traceback
 from pathlib import Path
 
 from ..sim.catalog import SOURCES
-from ..stages.catalog import STAGES
+from ..stages.catalog import STAGES, is_stage, other_stages
 from .driver import DriverNode
 from .node import StageNode
 from .player import PlayerNode
@@ -20,8 +20,11 @@ EXECUTABLES = (*SOURCES, *STAGES, "recorder", "player")
 
 def main(arguments: list[str]) -> int:
     """Runs the executable named first; the rest goes to rclpy."""
-    if not arguments or arguments[0] not in EXECUTABLES:
-        print(f"usage: uw_acoustic_loc.ros {{{'|'.join(EXECUTABLES)}}} [--ros-args ...]", file=sys.stderr)
+    if not arguments or not (arguments[0] in EXECUTABLES or is_stage(arguments[0])):
+        print(
+            f"usage: uw_acoustic_loc.ros {{{'|'.join([*EXECUTABLES, *other_stages()])}}} [--ros-args ...]",
+            file=sys.stderr,
+        )
         return 2
     executable, *rest = arguments
     try:
@@ -32,8 +35,16 @@ def main(arguments: list[str]) -> int:
 
 
 def script() -> int:
-    """Entry point of the installed scripts: the script's own name is the executable."""
-    return main([Path(sys.argv[0]).name, *sys.argv[1:]])
+    """Entry point of the installed scripts, of other packages' stages too: the script's own name is the executable.
+
+    That of another package is `package/name`; its ROS 2 installation says which, by lib/<package>/<name>.
+    """
+    path = Path(sys.argv[0])
+    others = [name for name in other_stages() if name.endswith(f"/{path.name}")]
+    known = (
+        name for name in (f"{path.parent.name}/{path.name}", path.name, *others) if name in (*EXECUTABLES, *others)
+    )
+    return main([next(known, path.name), *sys.argv[1:]])
 
 
 def _program(executable: str) -> Program:

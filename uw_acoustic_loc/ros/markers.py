@@ -15,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ..core.types import Array, Bearing, Odometry, Position, Tracks
 from ..wire.flat import header
+from .qos import PUBLISHER, overridable
 from .rclpy_messages import RosMake
 
 _MAKE = RosMake()
@@ -27,7 +28,9 @@ class Markers:
     """Keeps the last drawing of each topic; draws at most twice a second, and only when somebody looks."""
 
     def __init__(self, node: Node) -> None:
-        self._publisher = node.create_publisher(MarkerArray, "markers", 10)
+        self._publisher = node.create_publisher(
+            MarkerArray, "markers", 10, qos_overriding_options=overridable(node, "markers", PUBLISHER)
+        )
         self._tracks: dict[str, deque[PointMsg]] = {}
         self._drawn: dict[str, float] = {}
 

@@ -2,34 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from typing import Any
 
 import rclpy
 
-from ..config import build
-from ..stages.catalog import stage_class
-from ..stages.runner import Refusal, Runner, RunnerConfig, split_config
+from ..contract import Stage
+from ..stages.build import ConfiguredStage, configure
+from ..stages.inputs.settings import PREFIX
+from ..stages.runner import Refusal, Runner
 from ..wire.codec import codec
 from .diagnostics import Diagnostics, InputWatch
-from .endpoints import Publishers, Subscriptions, SyncService
+from .endpoints import Publishers, Subscriptions
 from .markers import Markers
 from .parameters import declare, given_parameters, on_change
 from .rclpy_messages import from_dds
+from .report import NodeReport
 from .spin import Stop
+from .sync import SyncService
 
 
 class StageNode:
     """An estimator node; parameters, diagnostics, markers and `~/sync` are the same for all."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
-        cls = stage_class(executable)
-        self._cls = cls
-        self._config, shared = self._configure()
+        name = executable.rpartition("/")[2]  # another package's is package/name
+        self.node = rclpy.create_node(name, automatically_declare_parameters_from_overrides=True)
+        self._configured = self._configure(executable)
         self._log = self.node.get_logger()
-        self._told: dict[str, float] = {}
-        self._runner = Runner(lambda: cls(self._config), shared.lateness, self._tell)  # type: ignore[call-arg]
+        self._logged: dict[str, float] = {}
+        lateness = self._configured.runner.lateness
+        self._runner = Runner(self._make_stage, lateness, self._log_refusal, self._configured.inputs)
         self._publishers = Publishers(self.node, self._runner.stage.outputs)
         self._subscriptions = Subscriptions(self.node)
         for wanted in self._runner.stage.inputs:
@@ -39,7 +43,7 @@ class StageNode:
         self._watch = InputWatch()
         Diagnostics(self.node, self._status)
         SyncService(self.node, self._report, self._finish)
-        on_change(self.node, self._config, self._check, self._change)
+        on_change(self.node, self._configured.config, self._check, self._change)
 
     def idle(self) -> float:
         """Nothing to do between callbacks."""
@@ -50,18 +54,20 @@ class StageNode:
         self._finish()
         self._publishers.wait_acknowledged()
 
-    def _configure(self) -> tuple[Any, RunnerConfig]:
+    def _configure(self, executable: str) -> ConfiguredStage:
         where = f"node {self.node.get_fully_qualified_name()}"
-        own, shared = split_config(given_parameters(self.node))
         try:
-            config: Any = build(self._cls.Config, own, where)
-            runner = build(RunnerConfig, shared, where)
-            self._cls(config)  # type: ignore[call-arg]
+            configured = configure(executable, given_parameters(self.node), where)
         except ValueError as error:
             raise Stop(1, str(error)) from None
-        declare(self.node, config)
-        declare(self.node, runner)
-        return config, runner
+        declare(self.node, configured.config)
+        declare(self.node, configured.runner)
+        for topic, config in configured.inputs.items():
+            declare(self.node, config, f"{PREFIX}{topic}.")
+        return configured
+
+    def _make_stage(self) -> Stage:
+        return self._configured.make()
 
     def _take(self, topic: str, data: bytes) -> None:
         self._watch.heard()
@@ -81,26 +87,26 @@ class StageNode:
         self._send(self._runner.flush())
 
     def _check(self, config: Any) -> None:
-        """A stage may know more than its config's ranges: what its inputs rule out."""
-        check = getattr(self._runner.stage, "check", None)
-        if check is not None:
-            check(config)
+        self._runner.stage.check(config)
 
     def _change(self, config: Any) -> None:
-        self._config = config
+        self._configured = dataclasses.replace(self._configured, config=config)
         self._runner.stage.change(config)
         self._log.info("parameters changed")
 
-    def _tell(self, refusal: Refusal) -> None:
+    def _log_refusal(self, refusal: Refusal) -> None:
         """One log line per topic and second at most; the counts are complete in diagnostics."""
         now = time.monotonic()
-        if now - self._told.get(refusal.topic, -1e9) > 1.0:
-            self._told[refusal.topic] = now
+        if now - self._logged.get(refusal.topic, -1e9) > 1.0:
+            self._logged[refusal.topic] = now
             self._log.warning(f"{refusal.topic}: {refusal.sentence}")
 
     def _status(self) -> Any:
-        return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts)
+        problems = self._subscriptions.problems()
+        return self._watch.status(self._runner.status(), self._runner.missing, self._runner.counts, problems)
 
-    def _report(self) -> dict[str, Any]:
-        counts = [{"topic": t, "what": w, "count": n} for (t, w), n in self._runner.counts.items()]
-        return {"out": self._publishers.report(), "in": self._subscriptions.report(), "counts": counts}
+    def _report(self) -> NodeReport:
+        counts: dict[str, dict[str, int]] = {}
+        for (topic, what), count in self._runner.counts.items():
+            counts.setdefault(topic, {})[what] = count
+        return NodeReport(self._publishers.report(), self._subscriptions.report(), counts)

@@ -25,14 +25,15 @@ def given_parameters(node: Node) -> dict[str, Any]:
     }
 
 
-def declare(node: Node, config: Any) -> None:
+def declare(node: Node, config: Any, prefix: str = "") -> None:
     """Declares every parameter of a config with its value, unit and range (replacing what rclpy declared untyped)."""
     values = values_of(config)
-    for name, field in parameters(type(config)).items():
+    for own_name, field in parameters(type(config)).items():
+        name = prefix + own_name
         if node.has_parameter(name):
             node.undeclare_parameter(name)
-        value = list(values[name]) if isinstance(values[name], tuple) else values[name]
-        node.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
+        value = list(values[own_name]) if isinstance(values[own_name], tuple) else values[own_name]
+        node.declare_parameter(name, value, _descriptor(name, field, value), ignore_override=True)
 
 
 def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Callable[[Any], None]) -> None:
@@ -65,13 +66,11 @@ def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Call
     node.add_post_set_parameters_callback(changed)
 
 
-def _descriptor(field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
+def _descriptor(name: str, field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
     limits = limits_of(field)
     text = ", ".join(part for part in (limits.doc, limits.unit) if part)
     # An empty list has no type of its own in rclpy, and 3 may be meant as 3.0: the builder checks types instead.
-    descriptor = ParameterDescriptor(
-        name=field.name, description=text, dynamic_typing=not isinstance(value, str | bool)
-    )
+    descriptor = ParameterDescriptor(name=name, description=text, dynamic_typing=not isinstance(value, str | bool))
     descriptor.additional_constraints = f"one of {', '.join(limits.choices)}" if limits.choices else ""
     if isinstance(value, float) and (limits.low > -math.inf or limits.high < math.inf):
         low, high = max(limits.low, -1.7e308), min(limits.high, 1.7e308)

@@ -9,27 +9,28 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from ..bag.reader import Bag, Record
 from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
-from .endpoints import SyncService
+from .endpoints import Peers
 from .parameters import declare, given_parameters
-from .rclpy_messages import clock_message, message_class, qos
+from .qos import PUBLISHER, STREAM_DEPTH, overridable, qos
+from .rclpy_messages import clock_message, message_class
+from .report import Deliveries, NodeReport, Reports, unmatched, unreached
 from .spin import Stop
-from .sync import Reports, SyncClient, outstanding, unmatched
+from .sync import SyncClient, SyncService
 
 _WINDOW = 200  # messages outstanding at most: well below the readers' depth
-_WINDOW_NS = 250_000_000  # and no more of the bag's time: half of what inputs wait for each other
 
 
 @dataclass(frozen=True)
@@ -39,8 +40,10 @@ class PlayerConfig:
     bag: str = param(doc="rosbag2 folder or .mcap file")
     rate: float = param(1.0, unit="x real time", low=0.0, high=1000.0, doc="0 = as fast as the consumers go")
     topics: tuple[str, ...] = param((), doc="topics to play; empty = all")
+    latched: tuple[str, ...] = param((), doc="topics that consumers want latched, whatever the bag says of them")
     remap: tuple[str, ...] = param((), doc="'theirs ours' pairs: topics of the bag that go by another name")
     consumers: tuple[str, ...] = param((), doc="full names of nodes of this package to wait for")
+    window: float = param(0.25, unit="s", low=0.0, doc="of the bag, after which all consumers must have caught up")
     timeout: float = param(60.0, unit="s", low=1.0, doc="how long the consumers may take for a window")
 
 
@@ -65,12 +68,15 @@ class PlayerNode:
             topic.name: self.node.create_publisher(
                 message_class(topic.msgtype),
                 topic.name,
-                qos(topic.latched),  # as deep as the readers
+                _offered(topic.latched or topic.name in self._config.latched),
+                qos_overriding_options=overridable(self.node, topic.name, PUBLISHER),
             )
             for topic in self._bag.topics.values()
             if not self._config.topics or topic.name in self._config.topics
         }
+        self._readers = {topic: Peers(self.node, publisher) for topic, publisher in self._publishers.items()}
         self._sent: Counter[str] = Counter()
+        self._deliveries = Deliveries()
         self._played_s = 0.0  # of the bag
         SyncService(self.node, self._report, lambda: None)
         self._plan = self._play()
@@ -89,13 +95,13 @@ class PlayerNode:
         self._own_executor.shutdown()
         self._service_node.destroy_node()
 
-    def _report(self) -> dict[str, Any]:
-        return {"played_s": self._played_s}
+    def _report(self) -> NodeReport:
+        return NodeReport(played_s=self._played_s)
 
     def _play(self) -> Iterator[float]:
         self._await(self._unmatched, "the nodes are not connected")
         begun, first_ns = time.monotonic(), 0
-        for window in _windows(self._bag.records(list(self._publishers))):
+        for window in _windows(self._bag.records(list(self._publishers)), round(self._config.window * 1e9)):
             first_ns = first_ns or window[0].t_ns
             while (ahead := self._ahead(window[0].t_ns - first_ns, begun)) > 0:
                 yield min(ahead, 0.05)
@@ -118,27 +124,34 @@ class PlayerNode:
             return 0.0
         return begun + bag_ns * 1e-9 / self._config.rate - time.monotonic()
 
-    def _await(self, good: Any, what: str) -> None:
-        wrong = self._sync.until(list(self._config.consumers), good, self._config.timeout)
+    def _await(self, wrong_of: Callable[[Reports], list[str]], what: str) -> None:
+        wrong = self._sync.until(list(self._config.consumers), wrong_of, self._config.timeout)
         if wrong:
             raise Stop(1, f"player: {what} within {self._config.timeout:g} s: {'; '.join(wrong)}")
 
     def _unmatched(self, reports: Reports) -> list[str]:
-        wrong = unmatched(reports, dict.fromkeys(self._publishers, 1))
-        readers = Counter(topic for report in reports.values() for topic in report["in"])
-        for topic, publisher in self._publishers.items():
-            if publisher.get_subscription_count() < readers[topic]:
-                wrong.append(f"{topic} reaches {publisher.get_subscription_count()} of {readers[topic]} readers")
+        own = self.node.get_fully_qualified_name()
+        wrong = unmatched(reports, dict.fromkeys(self._publishers, own))
+        for topic in self._publishers:
+            missed = unreached(reports, topic, self._readers[topic].names)
+            wrong += [f"{own} does not reach {reader} on {topic}" for reader in missed]
         return wrong
 
     def _outstanding(self, reports: Reports) -> list[str]:
-        return outstanding(reports, self._sent)
+        return self._deliveries.outstanding(reports, self._sent)
 
 
-def _windows(records: Iterator[Record]) -> Iterator[list[Record]]:
+def _offered(latched: bool) -> QoSProfile:
+    """As deep as the readers: a window may hold many messages of a latched topic."""
+    profile = qos(latched)
+    profile.depth = STREAM_DEPTH
+    return profile
+
+
+def _windows(records: Iterator[Record], window_ns: int) -> Iterator[list[Record]]:
     window: list[Record] = []
     for record in records:
-        if window and (len(window) >= _WINDOW or record.t_ns - window[0].t_ns >= _WINDOW_NS):
+        if window and (len(window) >= _WINDOW or record.t_ns - window[0].t_ns >= window_ns):
             yield window
             window = []
         window.append(record)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import rclpy
 
@@ -16,9 +15,11 @@ from ..bag.writer import BagWriter
 from ..config import build, param
 from ..contract import Status
 from .diagnostics import Diagnostics
-from .endpoints import Subscriptions, SyncService
+from .endpoints import Subscriptions
 from .parameters import declare, given_parameters
+from .report import NodeReport
 from .spin import Stop
+from .sync import SyncService
 
 _NOT_RECORDED = ("/clock", "/parameter_events", "/rosout")
 _DISCOVERY_S = 0.2
@@ -32,6 +33,7 @@ class RecorderConfig:
     bag: str = param(doc="folder to be made")
     topics: tuple[str, ...] = param((), doc="'name type' pairs to record; empty = every topic that appears")
     latched: tuple[str, ...] = param((), doc="names among topics that are latched")
+    resume: bool = param(False, doc="go on in a further file of a bag that exists")
     about: str = param("{}", doc="JSON of keys and texts that are stored with the bag")
 
 
@@ -44,7 +46,7 @@ class RecorderNode:
         try:
             self._config = build(RecorderConfig, given_parameters(self.node), where)
             about = {"made_by": "recorder", **_texts(self._config.about, where)}
-            self._writer = BagWriter(Path(self._config.bag), about)
+            self._writer = BagWriter(Path(self._config.bag), about, self._config.resume)
         except (ValueError, OSError) as error:
             raise Stop(1, str(error)) from None
         self._flushed = time.monotonic()
@@ -109,10 +111,13 @@ class RecorderNode:
             raise Stop(1, f"bag {self._config.bag}: recording stopped: {error.strerror}") from None
 
     def _status(self) -> Status:
-        return Status(values={f"{topic} recorded": count for topic, count in self._writer.counts.items()})
+        values = {f"{topic} recorded": count for topic, count in self._writer.counts.items()}
+        if problems := self._subscriptions.problems():
+            return Status(Status.ERROR, "; ".join(problems), values)
+        return Status(values=values)
 
-    def _report(self) -> dict[str, Any]:
-        return {"out": {}, "in": self._subscriptions.report(), "recorded": self._writer.counts}
+    def _report(self) -> NodeReport:
+        return NodeReport(taken=self._subscriptions.report(), recorded=self._writer.counts)
 
 
 def _texts(about: str, where: str) -> dict[str, str]:

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..core.types import AnyArray, Array
-from .scenario import Environment, Pinger
+from .scenario import Pinger
+from .water import Environment
 
 EDGE = 0.1  # share of a pulse taken by each raised-cosine edge
+_RINGING = math.log(1e4)  # time constants until a resonator is taken as silent
 
 
 def images(source: Array, env: Environment) -> tuple[Array, Array]:
-    """(3, P) image sources and (P,) amplitude coefficients: direct, then from each boundary on in turn.
+    """(3, P) image sources and (P,) amplitude coefficients, the source itself first (Allen & Berkley 1979).
 
-    Allen & Berkley (1979) for two boundaries: a path of n bounces leaves towards the surface or towards the seabed
-    and then alternates, so order n has 2 n + 1 images. A path whose coefficient is 0 is left out.
+    Two opposite boundaries have the images of `_row`; those of a basin are all triples of them, along each axis one,
+    whose bounces add up to no more than the most. Left out are paths whose coefficient is 0 and, in a basin, those
+    that are nowhere in it as loud as `floor_db`.
     """
-    x, y, z = source
-    ends = [(z, 1.0), (z, 1.0)]
-    paths = ends[:1]
-    for bounce in range(env.reflections):
-        ends = [_mirrored(end, (first + bounce) % 2 == 0, env) for first, end in enumerate(ends)]
-        paths += ends
-    heights, gains = np.array(paths).T
-    positions = np.stack([np.full(gains.size, x), np.full(gains.size, y), heights])
-    return positions[:, gains != 0.0], gains[gains != 0.0]
+    walls, most = env.walls, env.reflections
+    heights = _row(source[2], (0.0, -env.depth), (env.surface_reflection, env.bottom_reflection), most)
+    if walls is None:
+        positions, gains = _grid([_row(x, (0.0, 0.0), (0.0, 0.0), 0) for x in source[:2]] + [heights], most)
+        return positions[:, gains != 0.0], gains[gains != 0.0]
+    x, y, _ = walls.to_basin(source)
+    along = _row(x, (0.0, walls.length), walls.reflection[:2], most)
+    across = _row(y, (0.0, walls.width), walls.reflection[2:], most)
+    positions, gains = _grid([along, across, heights], most)
+    size = np.array([[walls.length], [walls.width], [-env.depth]])
+    nearest = np.linalg.norm(positions - np.clip(positions, np.minimum(size, 0.0), np.maximum(size, 0.0)), axis=0)
+    loud = np.abs(gains) >= 10 ** (walls.floor_db / 20) * np.maximum(nearest, 1.0)
+    loud[0] = True
+    return walls.to_map(positions[:, loud]), gains[loud]
 
 
 def absorption(frequency: float, env: Environment) -> float:
@@ -50,7 +60,7 @@ def absorption(frequency: float, env: Environment) -> float:
 
 
 def pulse(pinger: Pinger, age: Array, phases: Array | None = None) -> Array:
-    """Pressure at 1 m at ages (n,) in s, with raised-cosine edges; 0 outside [0, pulse_length].
+    """Pressure at 1 m at ages (...) in s, with raised-cosine edges or a resonator's; 0 outside [0, `sounding`].
 
     A noise pulse is a sum of tones of equal amplitude across the band, 1 / pulse_length apart, with random phases
     (K,) from `tone_phases`: the same at every fractional instant. Its period is the pulse's length.
@@ -58,16 +68,23 @@ def pulse(pinger: Pinger, age: Array, phases: Array | None = None) -> Array:
     Raises:
         ValueError: a noise pulse without phases.
     """
+    if pinger.q_factor:
+        return np.asarray(pinger.source_level * _resonance(pinger, age), dtype=np.float64)
     share = age / pinger.pulse_length
     edge = np.clip(np.minimum(share, 1.0 - share) / EDGE, 0.0, 1.0)
-    centre = 0.5 * (pinger.band_low + pinger.band_high)
     if pinger.pulse == "noise":
         wave = _tones(pinger, age, phases)
     elif pinger.pulse == "tone":
-        wave = _sine(centre * age)
+        wave = sine(_centre(pinger) * age)
     else:
-        wave = _sine((pinger.band_low + (centre - pinger.band_low) * share) * age)
-    return np.asarray(pinger.source_level * wave * np.square(_sine(0.25 * edge)), dtype=np.float64)
+        wave = sine((pinger.band_low + (_centre(pinger) - pinger.band_low) * share) * age)
+    return np.asarray(pinger.source_level * wave * np.square(sine(0.25 * edge)), dtype=np.float64)
+
+
+def sounding(pinger: Pinger) -> float:
+    """Length of a pulse in s with the ringing after it, which ends at -80 dB."""
+    ringing = _RINGING * pinger.q_factor / (math.pi * _centre(pinger))
+    return pinger.pulse_length + ringing
 
 
 def tone_phases(pinger: Pinger, rng: np.random.Generator) -> Array:
@@ -82,17 +99,59 @@ def pings(pinger: Pinger, begin: float, end: float) -> range:
     return range(first, max(first, math.ceil((end - pinger.offset) / pinger.period)))
 
 
-def _sine(turns: Array) -> AnyArray:
+def sine(turns: Array) -> AnyArray:
     """float32 sine; whole turns are taken off before, so that its error is 2e-7 whatever their number."""
-    return np.asarray(np.sin((2 * np.pi * (turns - np.rint(turns))).astype(np.float32)))
+    rest = np.rint(turns)
+    np.subtract(turns, rest, out=rest)
+    rest *= 2 * np.pi
+    return np.asarray(np.sin(rest.astype(np.float32)))
 
 
-def _mirrored(end: tuple[float, float], at_surface: bool, env: Environment) -> tuple[float, float]:
-    """Height and coefficient of a path after one more bounce."""
-    height, gain = end
-    if at_surface:
-        return -height, gain * env.surface_reflection
-    return -2.0 * env.depth - height, gain * env.bottom_reflection
+def _centre(pinger: Pinger) -> float:
+    return 0.5 * (pinger.band_low + pinger.band_high)
+
+
+def _resonance(pinger: Pinger, age: Array) -> Array:
+    """A tone of amplitude 1 after a resonator, H(s) = (w / Q) s / (s^2 + (w / Q) s + w^2) with w that of the tone.
+
+    It answers to sin(w t + p) from t = 0 on with sin(w t + p) - Im(z exp(a t)), its pole a = -d + j v, d = w / (2 Q),
+    and z = (w cos p - d sin p) / v + j sin p, by partial fractions of the Laplace transforms. A pulse is such a tone,
+    and the same tone taken off again when the pulse ends.
+    """
+    frequency, length, damping = _centre(pinger), pinger.pulse_length, 0.5 / pinger.q_factor
+    own, phase = math.sqrt(1.0 - damping**2), 2 * math.pi * frequency * length
+    rising = complex(1.0 / own, 0.0)
+    ringing = rising * cmath.exp(2 * math.pi * frequency * length * complex(-damping, own))
+    ringing -= complex((math.cos(phase) - damping * math.sin(phase)) / own, math.sin(phase))
+    over = age >= length
+    since = np.maximum(age - length * over, 0.0)
+    turns = own * frequency * since + over * (cmath.phase(ringing) / (2 * math.pi))
+    free = np.exp((-2 * math.pi * frequency * damping * since).astype(np.float32)) * sine(turns)
+    wave = sine(frequency * age) * ~over - np.where(over, abs(ringing), abs(rising)) * free
+    return np.asarray(wave * ((age > 0.0) & (age <= sounding(pinger))))
+
+
+def _row(place: float, ends: tuple[float, float], coefficients: Sequence[float], most: int) -> tuple[Array, Array]:
+    """(2 most + 1,) images between two opposite boundaries and their coefficients, in the order of their bounces.
+
+    A path of n bounces leaves towards the first boundary or towards the second and then alternates: two per n.
+    """
+    paths = [(place, 1.0), (place, 1.0)]
+    row = paths[:1]
+    for bounce in range(most):
+        sides = [(first + bounce) % 2 for first in range(2)]
+        paths = [(2.0 * ends[k] - at, gain * coefficients[k]) for k, (at, gain) in zip(sides, paths, strict=True)]
+        row += paths
+    at, gains = np.array(row).T
+    return at, gains
+
+
+def _grid(rows: Sequence[tuple[Array, Array]], most: int) -> tuple[Array, Array]:
+    """(3, P) triples of the rows' images with at most so many bounces in all, and the products of coefficients."""
+    bounces = [(np.arange(gains.size) + 1) // 2 for _, gains in rows]
+    k = np.nonzero(np.add.outer(np.add.outer(bounces[0], bounces[1]), bounces[2]) <= most)
+    positions = np.stack([at[i] for (at, _), i in zip(rows, k, strict=True)])
+    return positions, np.asarray(np.prod([gains[i] for (_, gains), i in zip(rows, k, strict=True)], axis=0))
 
 
 def _tones(pinger: Pinger, age: Array, phases: Array | None) -> Array:

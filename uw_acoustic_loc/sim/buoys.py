@@ -30,7 +30,7 @@ _PING_KEY, _MOORING_KEY, _CLOCK_KEY, _IMPULSE_KEY, _DRIFT_KEY = (
 
 
 class BuoySource:
-    """Direct and bottom arrivals of each ping, and truth; then each mooring on its own.
+    """Publishes direct and bottom arrivals of each ping with the truth, and each mooring's measured offset.
 
     Geometry and sound speed are those of the emission; a path is missing where it reflects nothing. Arrivals of a ping
     are available after the last of them, in the order of the pings.
@@ -67,7 +67,7 @@ class BuoySource:
 
 
 class _Pings:
-    """Everything that the buoys and the truth know of the vehicle's pings."""
+    """The vehicle's pings: where everything is at each of them, and what the buoys receive."""
 
     def __init__(self, scenario: Scenario, buoys: Buoys, vehicle: Vehicle) -> None:
         self._scenario, self._buoys = scenario, buoys
@@ -78,7 +78,7 @@ class _Pings:
         self._times: Array = np.asarray(np.arange(count) * buoys.period)
         course = scenario.rng(_DRIFT_KEY).uniform(0.0, 2 * np.pi, len(self._ids))
         drift = buoys.drift_speed * np.stack([np.cos(course), np.sin(course), np.zeros(len(course))], axis=1)
-        self._nodes: Array = nodes + self._times[:, None, None] * drift  # (pings, buoys, 3), as the buoys say
+        self._nodes: Array = nodes + self._times[:, None, None] * drift  # (pings, buoys, 3), as the buoys publish them
         self._truly: Array = self._nodes.copy()  # where they are
         for index, mooring in enumerate(scenario.moorings):
             if mooring.receiver in self._ids:
@@ -88,7 +88,7 @@ class _Pings:
         self._sound_speed = SoundSpeed(scenario).at(self._times)
 
     def positions(self) -> Iterator[Event]:
-        """Once, or at every ping where the buoys drift."""
+        """Yields the positions once, or at every ping where the buoys drift."""
         role = np.full(len(self._ids), NodePositions.RECEIVER, np.uint8)
         for k in range(len(self._times) if self._buoys.drift_speed else 1):
             t_ns = self._scenario.t_ns(self._times[k])
@@ -131,7 +131,7 @@ class _Pings:
         return Arrivals(t_ns, receiver[heard], path[heard], time[heard], std[heard], snr[heard].astype(np.float32))
 
     def _travel_times(self, k: int, length: Array) -> Array:
-        """(n,) s of direct and then bottom paths, whose straight lengths are (n,) m."""
+        """Returns (n,) s of the direct and then of the bottom paths, whose straight lengths are (n,) m."""
         water, (x, y, z) = self._scenario.environment, self._motion.positions[:, k]
         if not water.sound_speed_gradient:
             return np.asarray(length / self._sound_speed[k])
@@ -142,12 +142,12 @@ class _Pings:
         return np.concatenate([direct, profile.bottom_time(flat, z, height, water.depth)])[: len(length)]
 
     def _clock_errors(self, k: int) -> Array:
-        """(buoys,) by which the clocks are ahead at a ping, s."""
+        """Returns (buoys,) s by which the clocks are ahead at a ping."""
         offset, drift = self._scenario.rng(_CLOCK_KEY).normal(0.0, 1.0, (2, len(self._ids)))
         return np.asarray(self._buoys.clock_offset_std * offset + self._buoys.clock_drift_std * drift * self._times[k])
 
     def _snr_db(self, path: AnyArray, length: Array) -> Array:
-        """(n,) of arrivals along paths (n,) of length (n,) m; less by the reflection's loss over the seabed."""
+        """Returns (n,) dB of arrivals along paths (n,) of length (n,) m; the seabed takes the reflection's loss."""
         coefficient = abs(self._scenario.environment.bottom_reflection)
         loss_db = -20 * math.log10(coefficient) if coefficient else 0.0
         spreading = 20 * np.log10(length / self._buoys.snr_distance) if self._buoys.snr_distance else np.zeros(1)
@@ -155,7 +155,7 @@ class _Pings:
 
 
 def _mooring_events(scenario: Scenario, index: int) -> Iterator[Event]:
-    """Offset and truth at every period."""
+    """Yields truth and measured offset at every period."""
     name = scenario.moorings[index].id
     for time, state, measured in _mooring_states(scenario, index):
         t_ns = scenario.t_ns(time)
@@ -164,7 +164,7 @@ def _mooring_events(scenario: Scenario, index: int) -> Iterator[Event]:
 
 
 def _mooring_states(scenario: Scenario, index: int) -> Iterator[tuple[float, Array, float]]:
-    """Time, offset with its velocity, and the measured offset at every period, from `start` at rest."""
+    """Yields time, offset with its velocity, and measured offset at every period, from `start` at rest."""
     mooring, rng = scenario.moorings[index], scenario.rng(_MOORING_KEY, index)
     noise = _noise(mooring)
     F, drive = discretise(mooring.mass, mooring.damping, mooring.stiffness, mooring.force, mooring.period)
@@ -175,7 +175,7 @@ def _mooring_states(scenario: Scenario, index: int) -> Iterator[tuple[float, Arr
 
 
 def _offsets(scenario: Scenario, index: int, times: Array) -> Array:
-    """(n,) true offset of a mooring at times (n,)."""
+    """Returns the true offset (n,) m of a mooring at times (n,) s."""
     known = [(time, state[0]) for time, state, _ in _mooring_states(scenario, index)]
     return np.asarray(np.interp(times, *np.transpose(known)))
 

@@ -29,13 +29,13 @@ class DriverConfig:
 
 
 def configured_scenario(config: DriverConfig, base: Path) -> Scenario:
-    """The scenario that a driver's parameters name, with its seed; relative paths are taken from `base`."""
+    """Reads the scenario that a driver's parameters name, with their seed; relative paths are taken from `base`."""
     scenario = load_scenario(find_scenario(config.scenario, base))
     return scenario if config.seed < 0 else dataclasses.replace(scenario, seed=config.seed)
 
 
 def make_source(executable: str, scenario: Scenario) -> Source:
-    """The simulated sensor of a driver executable."""
+    """Makes the simulated sensor of a driver executable."""
     module, name = SOURCES[executable]
     source: Source = getattr(import_module(f"{__package__}.{module}"), name)(scenario)
     return source

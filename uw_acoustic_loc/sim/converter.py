@@ -11,12 +11,12 @@ COUNTS = 32767  # the largest
 
 
 def scale(array: Hydrophones) -> float:
-    """Pa per count, as the driver knows it: the channels' mismatch is what it does not know."""
+    """Returns Pa per count as the driver publishes it, which leaves out the channels' mismatch."""
     return array.full_scale / COUNTS
 
 
 def convert(pressure: AnyArray, array: Hydrophones) -> AnyArray:
-    """(2, N) float32 Pa or int16 counts from the pressure (2, N)."""
+    """Converts the pressure (2, N) in Pa to (2, N) float32 Pa or int16 counts, clipped at full scale."""
     gain = np.array([[1.0], [10 ** (array.channel_gain_db / 20)]], np.float32)
     limit = np.float32(array.full_scale)
     clipped = np.clip(pressure * gain, -limit, limit)

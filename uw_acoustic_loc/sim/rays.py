@@ -11,20 +11,20 @@ from ..core.types import Array
 
 @dataclass(frozen=True)
 class LinearProfile:
-    """c = surface + gradient * depth."""
+    """A sound speed that is linear in depth: c = surface + gradient * depth."""
 
     surface: float  # m/s
     gradient: float  # 1/s, positive where it is faster below
 
     def speed(self, z: Array | float) -> Array | float:
-        """m/s at heights z in m, which are negative."""
+        """Returns the sound speed in m/s at heights z in m, which are negative."""
         return self.surface - self.gradient * z
 
     def time(self, flat: Array, z1: Array | float, z2: Array) -> Array:
-        """s along the arc between heights z1 and z2, `flat` m apart: the least time, wherever the arc leads.
+        """Returns the time in s along the arc between heights z1 and z2 (m, negative), `flat` m apart.
 
-        With t = arccosh(1 + g^2 d^2 / (2 c1 c2)) / g, d the distance, in a form that holds for g = 0 too. Beyond the
-        range where the arc would leave the water there is in truth a shadow.
+        It is t = arccosh(1 + g^2 d^2 / (2 c1 c2)) / g, d the distance, in a form that holds for g = 0 too. The arc is
+        followed even where it would leave the water; beyond that range there really is a shadow.
         """
         root = np.sqrt(self.speed(z1) * self.speed(z2))
         half = np.hypot(flat, z1 - z2) / (2 * root)
@@ -32,7 +32,7 @@ class LinearProfile:
         return np.asarray(2 * half * np.where(np.abs(x) > 1e-9, np.arcsinh(x) / np.where(x == 0, 1.0, x), 1.0))
 
     def bottom_time(self, flat: Array, z1: Array | float, z2: Array, depth: float) -> Array:
-        """s by a reflection at a flat seabed, at the point of least time (golden section)."""
+        """Returns the time in s by a reflection at a flat seabed, at the point of least time (golden section)."""
         z1, z2, flat = np.broadcast_arrays(z1, z2, flat)
         floor = np.full(flat.shape, -depth)
 

@@ -19,10 +19,10 @@ from .targets import met_by_ping, states
 
 
 class SonarSource:
-    """Pings every period, each with one message of all that the receivers heard of it, in the order of arrival.
+    """Publishes one message per ping with everything that the receivers detected of it, in the order of arrival.
 
-    A ping meets a target where it is by then; the truth is where the targets are at the ping's stamp. Range sums are
-    exact, in 3-D, but for the scenario's noise: what an error of the sound speed does to them counts as noise.
+    A ping meets a target where the target is at that instant; the truth is where the targets are at the ping's stamp.
+    Range sums are exact in 3-D apart from the scenario's noise, which stands for errors of the sound speed too.
 
     Raises:
         ValueError: the scenario has no sonar, a receiver is beyond max_range, or turns are out of order.
@@ -51,7 +51,7 @@ class SonarSource:
 
     @property
     def _times(self) -> list[float]:
-        """Of the pings, in s after the start."""
+        """When the pings are sent, in s after the start."""
         return [k * self._sonar.period for k in range(math.ceil(self._scenario.duration / self._sonar.period))]
 
     def _positions(self) -> NodePositions:
@@ -72,7 +72,7 @@ class SonarSource:
             yield t_ns, "/truth/sonar/targets", tracks
 
     def _pings(self) -> Iterator[Event]:
-        """What comes after the scenario's end is not heard; a message never overtakes the one before it."""
+        """Yields the messages up to the scenario's end; a message never overtakes the one before it."""
         last_ns = self._scenario.start_ns
         for index, time in enumerate(self._times):
             heard, duration = self._ping(index, time)
@@ -95,7 +95,7 @@ class SonarSource:
         return heard, float(ranges[-1] if size else sonar.max_range) / speed
 
     def _echoes(self, time: float, speed: float, rng: np.random.Generator) -> Array:
-        """(D, 3) receiver's row, range and bearing of the targets that are not missed."""
+        """Returns (D, 3): receiver's row, range sum in m and bearing in rad of the targets that are not missed."""
         sonar, count = self._sonar, len(self._receivers)
         targets = met_by_ping(
             self._transmitter, len(sonar.targets), lambda delays: states(sonar.targets, time + delays)[0], speed
@@ -115,7 +115,7 @@ class SonarSource:
         return np.stack([row[heard], ranges[heard], bearings[heard]], axis=1)
 
     def _false_alarms(self, rng: np.random.Generator) -> Array:
-        """(D, 3) like `_echoes`, each receiver's uniform over the ellipse of range sums up to max_range."""
+        """Returns (D, 3) as `_echoes` does, uniform over each receiver's ellipse of range sums up to max_range."""
         alarms = [np.empty((0, 3))]
         for row, count in enumerate(rng.poisson(self._sonar.false_alarms, len(self._receivers))):
             baseline = self._receivers[row, :2] - self._transmitter[:2]
@@ -126,7 +126,7 @@ class SonarSource:
         return np.vstack(alarms)
 
     def _outside_blast(self, rows: Array) -> Array:
-        """The rows that the direct blast does not mask: those outside a thin ellipse around the baseline."""
+        """Returns the rows that the direct blast does not mask: those outside a thin ellipse around the baseline."""
         baselines = np.linalg.norm(self._receivers - self._transmitter, axis=1)
         masked_to = baselines[rows[:, 0].astype(int)] + self._sonar.blanking
         heard: Array = rows[(rows[:, 1] > masked_to) | (self._sonar.blanking == 0)]
@@ -134,11 +134,11 @@ class SonarSource:
 
 
 _KEY = 0x50A4
-_SNR_DB = 15.0  # of every detection: it does not tell echoes from false alarms
+_SNR_DB = 15.0  # of every detection: it does not separate echoes from false alarms
 
 
 def _in_ellipse(baseline: Array, longest: float, count: int, rng: np.random.Generator) -> Array:
-    """(count, 2) points, uniform in area, whose distances to 0 and to `baseline` sum up to `longest` at most."""
+    """Draws (count, 2) points, uniform in area, whose distances to 0 and to `baseline` sum up to `longest` at most."""
     half = float(np.hypot(*baseline)) / 2
     major = longest / 2
     minor = math.sqrt(major * major - half * half)

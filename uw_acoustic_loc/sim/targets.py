@@ -13,14 +13,14 @@ from .scenario import Target, Turn
 
 
 def states(targets: Sequence[Target], times: Array) -> tuple[Array, Array]:
-    """(T, 3) positions and velocities of each target at its own of the `times` (T,), in s after the start."""
+    """Returns the targets' positions and velocities, each (T, 3), at a time each, (T,) s after the start."""
     found = [_state(target, float(time)) for target, time in zip(targets, times, strict=True)]
     positions, velocities = np.array(found).reshape(-1, 2, 3).transpose(1, 0, 2)
     return positions, velocities
 
 
 def met_by_ping(transmitter: Array, count: int, positions: Callable[[Array], Array], speed: float) -> Array:
-    """(T, 3) where a ping meets its `count` targets: |p(t) - transmitter| = c t.
+    """Returns where a ping meets its `count` targets, (T, 3): |p(t) - transmitter| = c t.
 
     `positions` gives (T, 3) at times (T,) after the ping. Each round of the fixed point shrinks the error by |v| / c.
     """

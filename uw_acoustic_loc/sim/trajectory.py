@@ -23,7 +23,7 @@ class Motion:
 
 
 class Trajectory:
-    """The path as a chain of arcs, a straight line being an arc of curvature 0; past its end the vehicle stands still.
+    """A path as a chain of arcs, straight lines having curvature 0; past its end the vehicle stands still.
 
     Raises:
         ValueError: fewer than two waypoints, a repeated waypoint, or a leg too short for its turns.
@@ -46,10 +46,14 @@ class Trajectory:
         """Time in s to the last waypoint."""
         return float(self._starts[-1] / self._speed)
 
+    def travelled(self, time: Array) -> Array:
+        """(n,) m since the start along the path, at times (n,)."""
+        return np.asarray(np.clip(time * self._speed, 0.0, self._starts[-1]))
+
     def at(self, time: Array | float) -> Motion:
-        """The motion at times in s after the start, scalar or (n,)."""
+        """Returns the motion at times in s after the start, scalar or (n,)."""
         time = np.atleast_1d(np.asarray(time, dtype=float))
-        travelled = np.clip(time * self._speed, 0.0, self._starts[-1])
+        travelled = self.travelled(time)
         moving = (time >= 0) & (time * self._speed <= self._starts[-1])
         k = np.clip(np.searchsorted(self._starts, travelled, side="right") - 1, 0, len(self._starts) - 2)
         along, curvature, heading = travelled - self._starts[k], self._curvatures[k], self._headings[k]
@@ -60,7 +64,7 @@ class Trajectory:
 
 
 def _arcs(points: Array, radius: float) -> tuple[Array, Array]:
-    """Lengths and curvatures of legs and corners in turn."""
+    """Returns lengths and curvatures of legs and corners in turn."""
     legs = np.diff(points, axis=0)
     leg_lengths = np.hypot(*legs.T)
     if np.any(leg_lengths == 0):
@@ -81,13 +85,13 @@ def _arcs(points: Array, radius: float) -> tuple[Array, Array]:
 
 
 def _chain(start: Array, lengths: Array, headings: Array, curvatures: Array) -> Array:
-    """(K + 1, 2) start point of every arc."""
+    """Returns the start points (K + 1, 2) of the arcs, and the end."""
     steps = _step(headings[:-1], curvatures, lengths)
     return np.vstack([start, start + np.cumsum(steps.T, axis=0)])
 
 
 def _step(heading: Array, curvature: Array, along: Array) -> Array:
-    """(2, n) displacement after a distance along an arc: the chord, turned by half the change of heading."""
+    """Returns the displacement (2, n) along an arc: its chord, turned by half the change of heading."""
     half = curvature * along / 2
     chord = along * np.sinc(half / np.pi)
     return np.stack([chord * np.cos(heading + half), chord * np.sin(heading + half)])

@@ -56,7 +56,7 @@ class VehicleSource:
         return np.arange(math.floor(self._scenario.duration * rate + 1e-9) + 1) / rate
 
     def _inertial(self, rng: np.random.Generator, bias: Array) -> tuple[Array, Array]:
-        """(n, 3) angular rate and specific force: gravity upwards, and the centripetal force to port."""
+        """Returns angular rate and specific force, each (n, 3): gravity upwards, and the centripetal force to port."""
         motion = self._trajectory.at(self._times(self._vehicle.imu_rate))
         n = motion.yaw.size
         angular, force = np.zeros((n, 3)), np.zeros((n, 3))
@@ -66,7 +66,7 @@ class VehicleSource:
         return angular, force + rng.normal(0.0, self._vehicle.accelerometer_std, (n, 3))
 
     def _over_ground(self, rng: np.random.Generator, bias: Array) -> Array:
-        """(n, 3) body velocity."""
+        """Returns the measured body velocity (n, 3) in m/s."""
         speed = self._trajectory.at(self._times(self._vehicle.dvl_rate)).speed
         velocity = bias + rng.normal(0.0, self._vehicle.dvl_std, (speed.size, 3))
         velocity[:, 0] += speed
@@ -102,7 +102,7 @@ class VehicleSource:
             yield t_ns, "odometry", Odometry(t_ns, *pose, held[j].copy(), rates, covs[j], twist_cov)
 
     def _drift(self, path: Array, yaw: Array) -> Array:
-        """(n, 6, 6) covariance of the dead-reckoned poses: to first order, and the gyro bias to second order.
+        """Returns the covariance (n, 6, 6) of the dead-reckoned poses: to first order, the gyro bias to second order.
 
         Without the second order a bias b, which turns step j by b t_j, seems to move the end along one line only;
         the arc it truly moves on leaves that line by sum (b t_j)^2 / 2 step_j.
@@ -138,12 +138,12 @@ class VehicleSource:
 
 
 def _last(times: Array, rate: float, count: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Index of the last of `count` readings at a rate, for each time."""
+    """Returns for each time the index of the last of `count` readings at a rate."""
     return np.minimum(np.floor(times * rate + 1e-6).astype(np.intp), count - 1)
 
 
 def _dead_reckoning(yaw_rate: Array, velocity: Array, dt: float) -> tuple[Array, Array]:
-    """Path (n, 3) and yaw (n,) at every IMU reading, from the origin; each reading is held until the next."""
+    """Returns path (n, 3) and yaw (n,) at every IMU reading, from the origin; each reading is held until the next."""
     turns = yaw_rate[:-1] * dt
     yaw = np.concatenate([[0.0], np.cumsum(turns)])
     steps = _turned(yaw[:-1] + turns / 2, velocity[:-1]) * dt
@@ -151,14 +151,14 @@ def _dead_reckoning(yaw_rate: Array, velocity: Array, dt: float) -> tuple[Array,
 
 
 def _turned(yaw: Array, velocity: Array) -> Array:
-    """(n, 3) body velocities in the frame that yaw is measured in."""
+    """Returns body velocities (n, 3) in the frame that yaw is measured in."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     u, v, w = velocity.T
     return np.stack([cos * u - sin * v, sin * u + cos * v, w], axis=1)
 
 
 def _levers(xy: Array) -> tuple[Array, Array]:
-    """What yaw errors at the steps j < n move the end p_n by: sum (n, 2) and sum of squares (n, 2, 2).
+    """Returns how far yaw errors at the steps j < n move the end p_n by: sum (n, 2) and sum of squares (n, 2, 2).
 
     An error e at step j turns the rest of the path about its point there: J (p_n - p_j) e, J a quarter turn. White
     errors add in squares, a bias adds first.
@@ -173,7 +173,7 @@ def _levers(xy: Array) -> tuple[Array, Array]:
 
 
 def _rotations(yaw: Array) -> Array:
-    """(n, 2, 2)."""
+    """Returns the rotations (n, 2, 2) by angles (n,)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
 

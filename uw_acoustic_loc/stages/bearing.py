@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import ClassVar
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.bearing.config import BearingConfig
 from ..core.bearing.estimator import BearingEstimator, SourceTrack
-from ..core.types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
+from ..core.types import HydrophoneInfo, Odometry, Samples
+from ..topics import known
 
+_INFO, _SAMPLES, _ODOMETRY = known("hydrophones/info"), known("hydrophones/samples"), known("odometry")
+_BEARING, _PARTICLES = known("sources/<id>/bearing"), known("sources/<id>/particles")
 _CLOUD_PERIOD_NS = 500_000_000
 _SILENT_NS = 5_000_000_000  # a source that has not been heard for this long is missed
 
 
-class BearingStage:
+class BearingStage(Stage):
     """Waits for hydrophones/info; another info starts anew."""
 
     Config: ClassVar[type] = BearingConfig
+    any_id: ClassVar[Mapping[str, Any]] = {"source_ids": [ANY_ID], "band_low": [1e3], "band_high": [2e3]}
 
     def __init__(self, config: BearingConfig) -> None:
         self._config = config
@@ -29,15 +33,14 @@ class BearingStage:
     @property
     def inputs(self) -> tuple[Input, ...]:
         return (
-            Input("hydrophones/info", HydrophoneInfo, self._on_info, frame="hydrophone_array", latched=True),
-            Input("odometry", Odometry, self._on_odometry),
-            Input("hydrophones/samples", Samples, self._on_samples, frame="hydrophone_array", until_ns=self._end_ns),
+            _INFO.input(self._on_info, frame="hydrophone_array"),
+            _ODOMETRY.input(self._on_odometry, optional=True),
+            _SAMPLES.input(self._on_samples, frame="hydrophone_array", until_ns=self._end_ns),
         )
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        bearings = tuple(Output(f"sources/{name}/bearing", Bearing) for name in self._config.source_ids)
-        return bearings + tuple(Output(f"sources/{name}/particles", Particles) for name in self._config.source_ids)
+        return tuple(row.output(name) for row in (_BEARING, _PARTICLES) for name in self._config.source_ids)
 
     def check(self, config: BearingConfig) -> None:
         """Raises ValueError for a config that the hydrophones' sample rate rules out."""
@@ -76,7 +79,7 @@ class BearingStage:
         if self._estimator is None:
             raise ValueError("hydrophones/info must come before hydrophones/samples")
         for source, bearing in self._estimator.process(frame):
-            yield f"sources/{self._config.source_ids[source]}/bearing", bearing
+            yield _BEARING.named(self._config.source_ids[source]), bearing
             if bearing.t_ns - self._cloud_ns[source] >= _CLOUD_PERIOD_NS:
                 yield from self._cloud(self._estimator, source, bearing.t_ns)
 
@@ -84,7 +87,7 @@ class BearingStage:
         cloud = estimator.cloud(source, t_ns)
         if cloud is not None:
             self._cloud_ns[source] = t_ns
-            yield f"sources/{self._config.source_ids[source]}/particles", cloud
+            yield _PARTICLES.named(self._config.source_ids[source]), cloud
 
     def _on_odometry(self, odometry: Odometry) -> Iterator[Emission]:
         if self._estimator is not None:

@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.localizer.bearing_ekf_moving import MovingBearingEkf
-from ..core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from ..core.localizer.config import LocalizerConfig
+from ..core.localizer.localizer import SourceLocalizer
 from ..core.localizer.particles import BearingParticles
 from ..core.localizer.reckoning import Reckoning
-from ..core.localizer.triangulation import Fix
+from ..core.localizer.triangulation import PlanarFix
 from ..core.localizer.turn_advice import advice
-from ..core.types import Array, Bearing, Odometry, Particles, Position
+from ..core.types import Bearing, Odometry, Particles, Position
+from ..topics import known
+
+_ODOMETRY, _BEARING = known("odometry"), known("sources/<id>/bearing")
+_POSITION, _MIRROR = known("sources/<id>/position"), known("sources/<id>/mirror_position")
+_PARTICLES = known("sources/<id>/particles")
 
 
-class BearingLocalizerStage:
+class BearingLocalizerStage(Stage):
     """One SourceLocalizer per source, and the vehicle's pose carried to each bearing's stamp."""
 
     Config: ClassVar[type] = LocalizerConfig
+    any_id: ClassVar[Mapping[str, Any]] = {"source_ids": [ANY_ID]}
 
     def __init__(self, config: LocalizerConfig) -> None:
         self._config = config
@@ -34,27 +41,21 @@ class BearingLocalizerStage:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        bearings = (
-            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
-            for name in self._sources
-        )
-        return (Input("odometry", Odometry, self._on_odometry, frame="odom"), *bearings)
+        bearings = (_BEARING.input(partial(self._on_bearing, name), name, frame="base_link") for name in self._sources)
+        return (_ODOMETRY.input(self._on_odometry, upstream=2), *bearings)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        outputs = []
-        for name in self._sources:
-            outputs.append(Output(f"sources/{name}/position", Position))
-            if self._config.mirror:
-                outputs.append(Output(f"sources/{name}/mirror_position", Position))
-            if self._config.method == "particle_filter":
-                outputs.append(Output(f"sources/{name}/particles", Particles))
-        return tuple(outputs)
+        rows = [_POSITION]
+        rows += [_MIRROR] if self._config.mirror else []
+        rows += [_PARTICLES] if self._config.method == "particle_filter" else []
+        return tuple(row.output(name) for name in self._sources for row in rows)
 
     def status(self) -> Status:
         values: dict[str, float | int | str] = {
             "odometry_gaps": self._reckoning.gaps,
-            "odometry_jumps": self._reckoning.jumps,
+            "odometry_jumps": self._reckoning.resets,
+            "odometry_glitches": self._reckoning.glitches,
         }
         for name, source in self._sources.items():
             values |= {f"{name}.{key}": value for key, value in _values(source).items()}
@@ -71,7 +72,10 @@ class BearingLocalizerStage:
         return Status(level, "; ".join(sentences) or "running", values)
 
     def _faults(self) -> Iterator[str]:
-        """What is wrong with odometry, as long as it is news."""
+        """What is wrong with odometry, or made a source restart, as long as it is news."""
+        for name, source in self._sources.items():
+            if source.restarts and self._heard_ns - source.restart_ns < _NEWS_NS:
+                yield f"{name} was restarted: {source.restart_reason}"
         last = self._reckoning.last
         if last is None:
             return
@@ -95,34 +99,14 @@ class BearingLocalizerStage:
         position, yaw = self._reckoning.array_pose(bearing.t_ns, bearing.position)
         source = self._sources[name]
         x, y, z = position.tolist()
-        source.update(bearing.t_ns, x, y, yaw, bearing.bearing, bearing.variance, self._yaw_variance)
+        source.update(bearing.t_ns, x, y, yaw, bearing.bearing, bearing.variance, self._reckoning.yaw_variance)
         self._poses[name] = x, y, yaw
-        for topic, side in zip(("position", "mirror_position"), source.sides, strict=False):
+        for topic, side in zip((_POSITION, _MIRROR), source.sides, strict=False):
             if (fix := side.fix) is not None:
                 fix = self._reckoning.to_odom(fix)
-                cov = fix.cov + self._drift(fix.mean)
-                yield f"sources/{name}/{topic}", _position(bearing.t_ns, Fix(fix.mean, cov), z)
+                cov = fix.cov + self._reckoning.pose_cov_at(fix.mean)
+                yield topic.named(name), _position(bearing.t_ns, PlanarFix(fix.mean, cov), z, self._frame)
         yield from self._cloud(name, bearing.t_ns, z)
-
-    @property
-    def _yaw_variance(self) -> float:
-        cov = None if self._reckoning.last is None else self._reckoning.last.pose_cov
-        return 0.0 if cov is None or cov[0, 0] < 0 else float(cov[5, 5])
-
-    def _drift(self, point: Array) -> Array:
-        """(2, 2) what the odometry's own pose covariance makes of a point: what is seen from a wrong pose is wrong too.
-
-        Zero when the odometry does not know its covariance.
-        """
-        odometry = self._reckoning.last
-        if odometry is None or odometry.pose_cov[0, 0] < 0:
-            return np.zeros((2, 2))
-        dx, dy = (point - odometry.position[:2]).tolist()
-        get = odometry.pose_cov.item
-        x_yaw, y_yaw, yaws = get(0, 5), get(1, 5), get(5, 5)
-        xx, yy = get(0, 0) - dy * (2 * x_yaw - dy * yaws), get(1, 1) + dx * (2 * y_yaw + dx * yaws)
-        xy = get(0, 1) + dx * x_yaw - dy * (y_yaw + dx * yaws)
-        return np.array(((xx, xy), (xy, yy)))
 
     def _cloud(self, name: str, t_ns: int, z: float) -> Iterator[Emission]:
         estimator = self._sources[name].sides[0].estimator
@@ -132,7 +116,12 @@ class BearingLocalizerStage:
         xy, weight = estimator.cloud(_CLOUD_SIZE)
         points = self._reckoning.points_to_odom(xy)
         x, y, z_all, w = (np.asarray(column, dtype=np.float32) for column in (*points, np.full(weight.size, z), weight))
-        yield f"sources/{name}/particles", Particles(t_ns, x, y, z_all, w, "odom")
+        yield _PARTICLES.named(name), Particles(t_ns, x, y, z_all, w, self._frame)
+
+    @property
+    def _frame(self) -> str:
+        """The odometry's."""
+        return (self._reckoning.last and self._reckoning.last.frame_id) or "odom"
 
 
 def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
@@ -155,13 +144,13 @@ def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
     return values
 
 
-def _position(t_ns: int, fix: Fix, z: float) -> Position:
+def _position(t_ns: int, fix: PlanarFix, z: float, frame_id: str) -> Position:
     cov = np.zeros((3, 3))
     cov[:2, :2] = fix.cov
     cov[2, 2] = -1.0  # not observed
-    return Position(t_ns, np.array([*fix.mean, z]), cov, "odom")
+    return Position(t_ns, np.array([*fix.mean, z]), cov, frame_id)
 
 
-_NEWS_NS = 30_000_000_000  # how long a fault of odometry is told
+_NEWS_NS = 30_000_000_000  # how long a fault of odometry is reported
 _CLOUD_SIZE = 200
 _CLOUD_PERIOD_NS = 500_000_000

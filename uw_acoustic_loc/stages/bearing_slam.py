@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.geometry import quat_from_rpy
-from ..core.slam.filter import Slam, SlamConfig
+from ..core.slam.config import SlamConfig
+from ..core.slam.filter import Slam, SourceBearing
 from ..core.slam.inertial import ATTITUDE, GYRO_BIAS, POSITION, VELOCITY, YAW
 from ..core.slam.relinearise import SlamPasses
 from ..core.types import Array, Bearing, BodyVelocity, Imu, Odometry, Position
+from ..topics import known
+
+_IMU, _VELOCITY, _BEARING = known("imu/data"), known("dvl/twist"), known("sources/<id>/bearing")
+_ODOMETRY, _POSITION = known("slam/odometry"), known("slam/sources/<id>/position")
 
 
-class BearingSlamStage:
+class BearingSlamStage(Stage):
     """EKF-SLAM; odom is where the vehicle was at the first IMU message."""
 
     Config: ClassVar[type] = SlamConfig
+    any_id: ClassVar[Mapping[str, Any]] = {"source_ids": [ANY_ID]}
 
     def __init__(self, config: SlamConfig) -> None:
         self._passes = SlamPasses(config)
@@ -34,24 +40,24 @@ class BearingSlamStage:
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (
-            Input(f"sources/{name}/bearing", Bearing, partial(self._on_bearing, name), frame="base_link")
+            _BEARING.input(partial(self._on_bearing, name), name, frame="base_link")
             for name in self._slam.config.source_ids
         )
         return (
-            Input("imu/data", Imu, self._on_imu, frame="base_link"),
-            Input("dvl/twist", BodyVelocity, self._on_velocity, frame="base_link"),
+            _IMU.input(self._on_imu, frame="base_link"),
+            _VELOCITY.input(self._on_velocity, frame="base_link"),
             *bearings,
         )
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        positions = (Output(_position_topic(name), Position) for name in self._slam.config.source_ids)
-        return (Output("slam/odometry", Odometry), *positions)
+        return (_ODOMETRY.output(), *(_POSITION.output(name) for name in self._slam.config.source_ids))
 
     def status(self) -> Status:
         slam = self._slam
         values: dict[str, float | int | str] = {"dvl.used": slam.dvl.used, "dvl.unused": slam.dvl.unused}
-        values |= {"restarts": self._restarts, "imu.ahead": slam.ahead}
+        values["dvl.uninformative"] = slam.dvl.uninformative
+        values |= {"restarts": self._restarts, "imu.ahead": slam.imu_ahead, "relocations": slam.relocations}
         values |= {"imu.gaps": slam.imu_gaps, "imu.age_s": slam.imu_age, "dvl.age_s": slam.dvl_age}
         values["position_std_m"] = math.sqrt(slam.joint.cov[0, 0] + slam.joint.cov[1, 1])
         values["yaw_std_rad"] = math.sqrt(slam.joint.cov[YAW, YAW])
@@ -64,9 +70,11 @@ class BearingSlamStage:
 
     def _faults(self) -> list[str]:
         slam = self._slam
+        lost = slam.relocation
         faults = {
+            f"lost, looking for known pingers: {lost.reason if lost else ''}": lost is not None,
             f"the IMU is silent for {slam.imu_age:.1f} s": slam.imu_age > slam.config.imu_timeout,
-            f"{slam.ahead} IMU stamps in a row are far ahead": slam.ahead > 0,
+            f"{slam.imu_ahead} IMU stamps in a row are far ahead": slam.imu_ahead > 0,
             f"no velocity for {slam.dvl_age:.1f} s": slam.dvl_age > _DVL_TIMEOUT,
             f"{slam.dvl.in_a_row} velocities in a row do not fit": slam.dvl.in_a_row > 0,
         }
@@ -91,22 +99,22 @@ class BearingSlamStage:
 
     def _on_imu(self, imu: Imu) -> Iterator[Emission]:
         """Stamps that stay far ahead are a clock set forward: where the vehicle has gone since, nothing tells."""
-        if self._slam.ahead == _SET_FORWARD:
+        if self._slam.imu_ahead == _SET_FORWARD:
             self._passes, self._restarts = SlamPasses(self._slam.config), self._restarts + 1
-        self._passes.on_imu(imu.t_ns, imu.angular, imu.acceleration)
-        if self._due("slam/odometry", imu.t_ns, _ODOMETRY_PERIOD_NS):
-            yield "slam/odometry", _odometry(imu.t_ns, self._slam)
+        self._passes.take(imu)
+        if self._due(_ODOMETRY.name, imu.t_ns, _ODOMETRY_PERIOD_NS):
+            yield _ODOMETRY.name, _odometry(imu.t_ns, self._slam)
 
     def _on_velocity(self, velocity: BodyVelocity) -> Iterator[Emission]:
-        self._passes.on_velocity(velocity.t_ns, velocity.linear)
+        self._passes.take(velocity)
         yield from ()
 
     def _on_bearing(self, name: str, bearing: Bearing) -> Iterator[Emission]:
-        self._passes.on_bearing(name, bearing.t_ns, bearing.bearing, bearing.variance, bearing.position[:2])
-        fix, topic = self._slam.position(name), _position_topic(name)
+        self._passes.take(SourceBearing(name, bearing))
+        fix, topic = self._slam.position(name), _POSITION.named(name)
         if fix is not None and self._due(topic, bearing.t_ns, _POSITION_PERIOD_NS):
             cov = np.zeros((3, 3))
-            cov[:2, :2], cov[2, 2] = fix.cov, -1.0  # z is not observed: the vehicle's is told
+            cov[:2, :2], cov[2, 2] = fix.cov, -1.0  # z is not observed: the vehicle's is published
             yield topic, Position(bearing.t_ns, np.array([*fix.mean, self._slam.joint.mean[2]]), cov, "odom")
 
     def _due(self, topic: str, t_ns: int, period_ns: int) -> bool:
@@ -116,13 +124,9 @@ class BearingSlamStage:
         return due
 
 
-def _position_topic(name: str) -> str:
-    return f"slam/sources/{name}/position"
-
-
 def _odometry(t_ns: int, slam: Slam) -> Odometry:
-    joint = slam.settled()
-    mean, cov = joint.mean, joint.cov
+    slam.settle()
+    mean, cov = slam.joint.mean, slam.joint.cov
     roll, pitch, yaw = mean[ATTITUDE].tolist()
     return Odometry(
         t_ns,

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
+from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.mooring.estimator import MooringConfig, MooringEstimate, ParticleMooring, make_filter, step_of
 from ..core.mooring.noise_learning import LearntNoise
 from ..core.types import Array, Odometry, Point
+from ..topics import known
+
+_OFFSET, _ODOMETRY = known("mooring/<id>/offset"), known("mooring/<id>/odometry")
 
 UNKNOWN_VARIANCE = 1e6  # of everything but the offset and its velocity
 
 
-class MooringTrackerStage:
+class MooringTrackerStage(Stage):
     """One filter per mooring; the time steps are those between the stamps.
 
     Of the odometry only x is estimated: position.x the offset, linear.x its velocity, both along the x of map.
     """
 
     Config: ClassVar[type] = MooringConfig
+    any_id: ClassVar[Mapping[str, Any]] = {"mooring_ids": [ANY_ID]}
 
     def __init__(self, config: MooringConfig) -> None:
         self._config = config
@@ -38,14 +42,11 @@ class MooringTrackerStage:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        return tuple(
-            Input(f"mooring/{name}/offset", Point, partial(self._on_offset, name), frame="map")
-            for name in self._filters
-        )
+        return tuple(_OFFSET.input(partial(self._on_offset, name), name, frame="map") for name in self._filters)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        return tuple(Output(f"mooring/{name}/odometry", Odometry) for name in self._filters)
+        return tuple(_ODOMETRY.output(name) for name in self._filters)
 
     def status(self) -> Status:
         silent = [name for name in self._filters if name not in self._t_ns]
@@ -72,7 +73,7 @@ class MooringTrackerStage:
         estimate = mooring.update(np.array([offset]))
         self._t_ns[name] = t_ns
         self._note(name, offset, estimate)
-        yield f"mooring/{name}/odometry", _odometry(t_ns, name, estimate.mean[:, 0], estimate.cov[:, :, 0])
+        yield _ODOMETRY.named(name), _odometry(t_ns, name, estimate.mean[:, 0], estimate.cov[:, :, 0])
 
     def _note(self, name: str, offset: float, estimate: MooringEstimate) -> None:
         self._gated[name] += int(estimate.rejected[0])

@@ -8,14 +8,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..contract import Emission, Input, Output, Status
-from ..core.multistatic.estimator import Net
-from ..core.multistatic.fusion import Echoes, Fix, Fusion, MultistaticConfig, Ping
+from ..contract import Emission, Input, Output, Stage, Status
+from ..core.multistatic.estimator import SonarNet
+from ..core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, PingScan, TargetFix
 from ..core.multistatic.track import Track, Tracker
 from ..core.types import AnyArray, Array, Detections, NodePositions, Position, Tracks
+from ..topics import known
+
+_POSITIONS, _DETECTIONS = known("sonar/positions"), known("sonar/detections")
+_FIX, _TRACKS = known("sonar/fix"), known("sonar/tracks")
 
 
-class MultistaticFusionStage:
+class MultistaticFusionStage(Stage):
     """One message of detections per ping gives the strongest target's fix, if there is one, and all confirmed tracks.
 
     A fix is where the ping met the target, up to a few seconds after the stamp; tracks are at the stamp itself.
@@ -41,14 +45,14 @@ class MultistaticFusionStage:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        detections = Input("sonar/detections", Detections, self._on_detections, frame="map")
+        detections = _DETECTIONS.input(self._on_detections, frame="map")
         if self._config.receiver_ids:
             return (detections,)
-        return (Input("sonar/positions", NodePositions, self._on_positions, frame="map", latched=True), detections)
+        return (_POSITIONS.input(self._on_positions, frame="map"), detections)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
-        return (Output("sonar/fix", Position), Output("sonar/tracks", Tracks))
+        return (_FIX.output(), _TRACKS.output())
 
     def status(self) -> Status:
         values: dict[str, float | int | str] = {
@@ -80,11 +84,11 @@ class MultistaticFusionStage:
             raise ValueError("detections came before sonar/positions")
         echoes, rejected = usable(detections, self._ids)
         fix = next(self._fusion.fixes(echoes), None)
-        tracks = self._tracker.step(detections.t_ns, Ping(self._fusion, echoes))
+        tracks = self._tracker.step(detections.t_ns, PingScan(self._fusion, echoes))
         self._count(len(echoes.range), fix is not None, rejected)
         if fix:
-            yield "sonar/fix", self._position(detections.t_ns, fix)
-        yield "sonar/tracks", as_tracks(detections.t_ns, tracks, self._z)
+            yield _FIX.name, self._position(detections.t_ns, fix)
+        yield _TRACKS.name, as_tracks(detections.t_ns, tracks, self._z)
 
     def _count(self, used: int, fixes: int, rejected: Counter[str]) -> None:
         nis = self._tracker.nis
@@ -93,7 +97,7 @@ class MultistaticFusionStage:
         self._last_rejected = rejected
         self._nis_sum += sum(nis)
 
-    def _position(self, t_ns: int, fix: Fix) -> Position:
+    def _position(self, t_ns: int, fix: TargetFix) -> Position:
         cov = np.zeros((3, 3))
         cov[:2, :2], cov[2, 2] = fix.cov, -1.0
         return Position(t_ns, np.array([*fix.position, self._z]), cov, frame_id="map")
@@ -139,7 +143,7 @@ def _given(config: MultistaticConfig) -> NodePositions:
     return NodePositions(0, np.array([0, *config.receiver_ids], dtype=np.uint16), roles, x, y, z)
 
 
-def _net(nodes: NodePositions) -> tuple[Net, AnyArray, float]:
+def _net(nodes: NodePositions) -> tuple[SonarNet, AnyArray, float]:
     """The net, the receivers' ids in its order, and the transmitter's z."""
     sending, hearing = nodes.role == NodePositions.TRANSMITTER, nodes.role == NodePositions.RECEIVER
     if np.sum(sending) != 1:
@@ -150,4 +154,4 @@ def _net(nodes: NodePositions) -> tuple[Net, AnyArray, float]:
     if not np.isfinite(nodes.positions).all():
         raise ValueError("sonar/positions must be finite")
     positions = nodes.positions
-    return Net(positions[sending][0, :2], positions[hearing][:, :2]), ids, float(positions[sending][0, 2])
+    return SonarNet(positions[sending][0, :2], positions[hearing][:, :2]), ids, float(positions[sending][0, 2])

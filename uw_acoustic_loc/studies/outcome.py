@@ -25,8 +25,8 @@ class Study(Protocol):
     TITLE: str
     RUNS: int  # when --runs is not given
 
-    def measure(self, runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-        """Runs the trials; `tell` gets the share that is done. The same seed gives the same outcome."""
+    def measure(self, runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+        """Runs the trials; `progress` gets the share that is done. The same seed gives the same outcome."""
 
     def pictures(self, numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Picture]]:
         """Figures by file name."""

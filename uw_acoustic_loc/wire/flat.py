@@ -18,15 +18,15 @@ from ..core.types import Array
 
 
 class Make(Protocol):
-    """Builds messages; `octets` turns bytes into what a uint8[] field takes fastest."""
+    """Builds messages; `uint8_array` turns bytes into what a uint8[] field takes fastest."""
 
     def __call__(self, msgtype: str, **fields: Any) -> Any: ...
 
-    def octets(self, data: bytes) -> Any: ...
+    def uint8_array(self, data: bytes) -> Any: ...
 
 
 class Flat(NamedTuple):
-    """What a message says."""
+    """The content of a message."""
 
     t_ns: int
     names: tuple[str, ...]  # header.frame_id, and those that follow
@@ -64,24 +64,24 @@ class FlatForm:
         return self.body.size()
 
     def encode(self, make: Make, value: Any) -> Any:
-        """The message."""
+        """Builds the message of a core value."""
         flat = self.flatten(value)
         names = dict(zip(self.names, flat.names[1:], strict=True))
         fields = _fields(make, self.body, flat.values)
         return make(self.msgtype, header=header(make, flat.t_ns, flat.names[0]), **names, **fields)
 
     def decode(self, msg: Any, _received_ns: int = 0) -> Any:
-        """From a message."""
+        """Returns the core value of a message."""
         names = (msg.header.frame_id, *(getattr(msg, name) for name in self.names))
         return self.restore(Flat(stamp_ns(msg), names, np.array([*_numbers(self.body, msg)])))
 
     def pack(self, value: Any) -> bytes:
-        """CDR bytes."""
+        """Returns the CDR bytes of a core value."""
         flat = self.flatten(value)
         return STAMP.pack(LITTLE_ENDIAN, *divmod(flat.t_ns, SECOND)) + _packed(flat.names) + flat.values.tobytes()
 
     def unpack(self, data: bytes) -> Any:
-        """From CDR bytes; None when they have another layout than expected, so that a general decoder must look."""
+        """Reads CDR bytes; returns None when their layout is another one, which a general decoder must read."""
         try:
             flat = self._unpacked(data)
         except (struct.error, UnicodeDecodeError):
@@ -95,23 +95,26 @@ class FlatForm:
         if kind != LITTLE_ENDIAN or names is None:
             return None
         values = np.frombuffer(data, _FLOAT64, self.size, begin).copy()  # a copy is aligned
-        return Flat(checked_stamp(sec * SECOND + nanosec), names, values)
+        return Flat(checked_stamp(sec, nanosec), names, values)
 
 
 def header(make: Make, t_ns: int, frame_id: str) -> Any:
-    """std_msgs/Header."""
+    """Builds a std_msgs/Header."""
     sec, nanosec = divmod(t_ns, SECOND)
     stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame_id)
 
 
 def stamp_ns(msg: Any) -> int:
-    """The header's stamp in nanoseconds; zero means that nobody set it."""
-    return checked_stamp(int(msg.header.stamp.sec) * SECOND + int(msg.header.stamp.nanosec))
+    """Returns the header's stamp in ns; ValueError for zero, which means that nobody set it."""
+    return checked_stamp(int(msg.header.stamp.sec), int(msg.header.stamp.nanosec))
 
 
-def checked_stamp(t_ns: int) -> int:
-    """The stamp in ns; ValueError unless it is set."""
+def checked_stamp(sec: int, nanosec: int) -> int:
+    """Returns the stamp in ns; ValueError unless it is set, and its nanoseconds are less than a second."""
+    if not 0 <= nanosec < SECOND:
+        raise ValueError(f"header.stamp.nanosec must be below {SECOND}, got {nanosec}")
+    t_ns = sec * SECOND + nanosec
     if t_ns <= 0:
         raise ValueError(f"header.stamp must be set, got {t_ns} ns")
     return t_ns
@@ -143,20 +146,20 @@ def _numbers(part: Part, msg: Any) -> Iterator[float]:
 
 @lru_cache(maxsize=256)
 def _packed(names: tuple[str, ...]) -> bytes:
-    """Strings as they follow a stamp, up to the first number."""
+    """Returns strings as they follow a stamp in CDR, up to the first number."""
     data = b"".join(map(aligned_string, names))
     return data + bytes(-len(data) % 8)
 
 
 def aligned_string(text: str) -> bytes:
-    """A string in CDR, up to where the next string or 32 bit number stands."""
+    """Returns a string in CDR, up to where the next string or 32 bit number begins."""
     data = text.encode() + b"\0"
     return LENGTH.pack(len(data)) + data + bytes(-len(data) % 4)
 
 
 @lru_cache(maxsize=256)
 def _names_in(packed: bytes, count: int) -> tuple[str, ...] | None:
-    """The strings that stand between a stamp and the first number; None when something else does."""
+    """Returns the strings between a stamp and the first number; None when there is something else."""
     at, names = 0, []
     for _ in range(count):
         at += -at % 4

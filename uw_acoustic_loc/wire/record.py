@@ -1,4 +1,4 @@
-"""The record codec: numpy columns <-> sensor_msgs/PointCloud2 rows, driven by msg_defs/*.msg.
+"""The record codec: numpy columns <-> sensor_msgs/PointCloud2 rows, driven by a layout file, `<Record>.msg`.
 
 The layout file is the only place that knows a record's columns and types. A message may carry them in any order and
 with padding; it must carry all of them, with the declared type.
@@ -7,9 +7,10 @@ with padding; it must carry all of them, with the declared type.
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,34 +29,40 @@ _NUMPY = {code: np.dtype(name) for name, code in _DATATYPES.items()}
 _ALSO = {"HydrophoneSample": {"float32": "int16"}}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Layout:
     """A record's columns in order, with their numpy types, and a second type that a column may have."""
 
     name: str
     columns: tuple[tuple[str, str], ...]
+    also: Mapping[str, str]
 
     def allowed(self, kind: str) -> tuple[str, ...]:
-        """The types that a column declared as `kind` may have."""
-        also = _ALSO.get(self.name, {}).get(kind)
-        return (kind, also) if also else (kind,)
+        """Returns the types that a column declared as `kind` may have."""
+        return (kind, self.also[kind]) if kind in self.also else (kind,)
 
 
 @cache
-def layout(name: str) -> Layout:
-    """The layout declared in msg_defs/<name>.msg."""
+def layout(name: str, folder: Path | None = None) -> Layout:
+    """Reads the layout that <name>.msg of a folder declares; None = the package's own msg_defs.
+
+    Raises:
+        ValueError: a line of the file is no column of a number.
+    """
+    file = folder / f"{name}.msg" if folder else resource(f"msg_defs/{name}.msg")
     columns = []
-    for line in resource(f"msg_defs/{name}.msg").read_text().splitlines():
-        statement = line.split("#")[0].strip()
-        if statement:
-            kind, column = re.split(r"\s+", statement)
-            columns.append((column, kind))
-    return Layout(name, tuple(columns))
+    for number, line in enumerate(file.read_text().splitlines(), 1):
+        words = line.split("#")[0].split()
+        if words and (len(words) != 2 or words[0] not in _DATATYPES or not words[1].isidentifier()):
+            allowed = ", ".join(_DATATYPES)
+            raise ValueError(f"{file}, line {number}: must be one of {allowed} and a name, got '{' '.join(words)}'")
+        columns += [(words[1], words[0])] if words else []
+    return Layout(name, tuple(columns), {} if folder else _ALSO.get(name, {}))
 
 
-def record_to(make: Make, name: str, value: Any) -> Any:
-    """sensor_msgs/PointCloud2 rows of the record `name` from a core type with one array (or number) per column."""
-    rows = rows_of(name, value)
+def record_to(make: Make, plan: Layout, value: Any) -> Any:
+    """Builds the sensor_msgs/PointCloud2 of a record from a core type with an array (or number) per column."""
+    rows = rows_of(plan, value)
     return make(
         RECORD,
         header=header(make, value.t_ns, value.frame_id),
@@ -65,54 +72,58 @@ def record_to(make: Make, name: str, value: Any) -> Any:
         is_bigendian=False,
         point_step=rows.dtype.itemsize,
         row_step=rows.nbytes,
-        data=make.octets(rows.tobytes()),
+        data=make.uint8_array(rows.tobytes()),
         is_dense=True,
     )
 
 
-def record_from(name: str, kind: type, msg: Any, single: bool = False) -> Any:
-    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
+def record_from(plan: Layout, kind: type, msg: Any, single: bool = False) -> Any:
+    """Reads a core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
 
     Raises:
         ValueError: a column is missing or has another type, or the data do not have the length that they declare.
     """
     given = tuple((field.name, field.datatype, field.offset, field.count) for field in msg.fields)
-    rows = _rows(name, msg, _checked(name, given, msg.point_step))
-    return value_of(name, kind, stamp_ns(msg), msg.header.frame_id, rows, single)
+    rows = _rows(plan.name, msg, _checked(plan, given, msg.point_step))
+    return value_of(plan, kind, stamp_ns(msg), msg.header.frame_id, rows, single)
 
 
-def value_of(name: str, kind: type, t_ns: int, frame_id: str, rows: AnyArray, single: bool) -> Any:
-    """A core type from structured rows (N,). Each column is in one piece: steps through rows would slow every use."""
-    columns: dict[str, Any] = {column: np.ascontiguousarray(rows[column]) for column, _ in layout(name).columns}
+def value_of(plan: Layout, kind: type, t_ns: int, frame_id: str, rows: AnyArray, single: bool) -> Any:
+    """Makes a core type of structured rows (N,), its columns contiguous: strides would slow every later use."""
+    columns: dict[str, Any] = {column: _whole(rows[column], declared) for column, declared in plan.columns}
     if single:
         if len(next(iter(columns.values()))) != 1:
-            raise ValueError(f"{name}: must have 1 row, got {len(next(iter(columns.values())))}")
+            raise ValueError(f"{plan.name}: must have 1 row, got {len(next(iter(columns.values())))}")
         columns = {column: float(values[0]) for column, values in columns.items()}
         if not all(map(math.isfinite, columns.values())):
-            raise ValueError(f"{name} must be finite, got {[*columns.values()]}")
+            raise ValueError(f"{plan.name} must be finite, got {[*columns.values()]}")
     return kind(t_ns=t_ns, frame_id=frame_id, **columns)
 
 
-def rows_of(name: str, value: Any) -> AnyArray:
-    """Structured rows (N,) of the record from its columns (each (N,)); a type that may stand stays as it is."""
-    given = [np.atleast_1d(getattr(value, column)) for column, _ in layout(name).columns]
-    rows = np.empty(len(given[0]), _packed_type(name, tuple(column.dtype for column in given)))
+def _whole(column: AnyArray, declared: str) -> AnyArray:
+    """A column in one piece; float32 in the place of float64 loses nothing by becoming that."""
+    return np.ascontiguousarray(column, np.float64 if declared == "float64" else None)
+
+
+def rows_of(plan: Layout, value: Any) -> AnyArray:
+    """Makes structured rows (N,) of the record from its columns (each (N,)), in the types that its layout allows."""
+    given = [np.atleast_1d(getattr(value, column)) for column, _ in plan.columns]
+    rows = np.empty(len(given[0]), _packed_type(plan, tuple(column.dtype for column in given)))
     for column, values in zip(rows.dtype.names, given, strict=True):
         rows[column] = values
     return rows
 
 
 @lru_cache(maxsize=64)
-def _packed_type(name: str, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any]:
-    plan = layout(name)
+def _packed_type(plan: Layout, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any]:
     own = [(column, kind, dtype.name) for (column, kind), dtype in zip(plan.columns, given, strict=True)]
     return np.dtype([(column, has if has in plan.allowed(kind) else kind) for column, kind, has in own])
 
 
 @cache
-def row_types(name: str) -> list[np.dtype[Any]]:
-    """Rows with the columns' declared types, and with those that may take their place."""
-    allowed = [(column, layout(name).allowed(kind)) for column, kind in layout(name).columns]
+def row_types(plan: Layout) -> list[np.dtype[Any]]:
+    """Returns the row types with the declared column types, and with those that may take their place."""
+    allowed = [(column, plan.allowed(kind)) for column, kind in plan.columns]
     count = max(len(kinds) for _, kinds in allowed)
     return [np.dtype([(column, kinds[min(k, len(kinds) - 1)]) for column, kinds in allowed]) for k in range(count)]
 
@@ -155,11 +166,12 @@ def _row_type(columns: tuple[_Column, ...], is_bigendian: bool, step: int) -> np
 
 
 @lru_cache(maxsize=64)
-def _checked(name: str, given: tuple[tuple[str, int, int, int], ...], step: int) -> tuple[_Column, ...]:
+def _checked(plan: Layout, given: tuple[tuple[str, int, int, int], ...], step: int) -> tuple[_Column, ...]:
     """The record's columns among those of a message; ValueError with the first that is missing or of another type."""
-    plan, named = layout(name), {field[0]: field for field in given}
+    named = {field[0]: field for field in given}
     for column, kind in plan.columns:
-        _check(name, column, plan.allowed(kind), named.get(column), step)
+        widened = ("float32",) if kind == "float64" else ()
+        _check(plan.name, column, plan.allowed(kind) + widened, named.get(column), step)
     return tuple(named[column][:3] for column, _ in plan.columns)
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .flat import LENGTH, LITTLE_ENDIAN, SECOND, STAMP, Make, aligned_string, checked_stamp
-from .record import RECORD, fields, record_from, record_to, row_types, rows_of, value_of
+from .record import RECORD, Layout, fields, layout, record_from, record_to, row_types, rows_of, value_of
 
 
 @dataclass(frozen=True)
@@ -20,28 +21,33 @@ class RecordForm:
     name: str
     kind: type
     single: bool = False
+    folder: Path | None = None  # of its layout file, None = the package's own
 
     @property
     def msgtype(self) -> str:
         return RECORD
 
+    @cached_property
+    def _plan(self) -> Layout:
+        return layout(self.name, self.folder)
+
     def encode(self, make: Make, value: Any) -> Any:
-        """The message."""
-        return record_to(make, self.name, value)
+        """Builds the message of a core value."""
+        return record_to(make, self._plan, value)
 
     def decode(self, msg: Any, _received_ns: int = 0) -> Any:
-        """From a message."""
-        return record_from(self.name, self.kind, msg, self.single)
+        """Returns the core value of a message."""
+        return record_from(self._plan, self.kind, msg, self.single)
 
     def pack(self, value: Any) -> bytes:
-        """CDR bytes."""
-        rows = rows_of(self.name, value)
+        """Returns the CDR bytes of a core value."""
+        rows = rows_of(self._plan, value)
         begin = STAMP.pack(LITTLE_ENDIAN, *divmod(value.t_ns, SECOND)) + _begin(value.frame_id)
         sizes = _SIZES.pack(rows.nbytes, rows.nbytes)
         return b"".join((begin, LENGTH.pack(len(rows)), _middle(rows.dtype), sizes, rows.tobytes(), _DENSE))
 
     def unpack(self, data: bytes) -> Any:
-        """From CDR bytes; None when they have another layout than `pack` gives, so that a general decoder must look."""
+        """Reads CDR bytes; returns None when their layout is not that of `pack`: a general decoder must read them."""
         try:
             found = self._unpacked(data)
         except (struct.error, UnicodeDecodeError):
@@ -49,10 +55,10 @@ class RecordForm:
         if found is None:
             return None
         t_ns, frame_id, rows = found
-        return value_of(self.name, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
+        return value_of(self._plan, self.kind, t_ns, frame_id, rows, self.single)
 
     def _unpacked(self, data: bytes) -> tuple[int, str, Any] | None:
-        """Stamp, frame and rows."""
+        """Returns stamp in ns, frame and structured rows."""
         encapsulation, sec, nanosec = STAMP.unpack_from(data)
         (length,) = LENGTH.unpack_from(data, STAMP.size)
         at = STAMP.size + LENGTH.size
@@ -62,15 +68,15 @@ class RecordForm:
         if encapsulation != LITTLE_ENDIAN or not data.startswith(begin, STAMP.size):
             return None
         (count,), at = LENGTH.unpack_from(data, at), at + LENGTH.size
-        for row in row_types(self.name):
+        for row in row_types(self._plan):
             if data.startswith(_middle(row), at):
                 rows = _rows(data, at + len(_middle(row)), count, row)
-                return None if rows is None else (sec * SECOND + nanosec, frame_id, rows)
+                return None if rows is None else (checked_stamp(sec, nanosec), frame_id, rows)
         return None
 
 
 def _rows(data: bytes, at: int, count: int, row: np.dtype[Any]) -> Any:
-    """(count,) structured, behind the sizes; None when these are others."""
+    """Returns the structured rows (count,) behind the two sizes; None when the sizes do not fit."""
     size = count * row.itemsize
     if _SIZES.unpack_from(data, at) != (size, size) or len(data) != at + _SIZES.size + size + len(_DENSE):
         return None
@@ -79,7 +85,7 @@ def _rows(data: bytes, at: int, count: int, row: np.dtype[Any]) -> Any:
 
 @lru_cache(maxsize=256)
 def _begin(frame_id: str) -> bytes:
-    """From the frame to the height."""
+    """Returns the CDR bytes from the frame to the height."""
     return aligned_string(frame_id) + LENGTH.pack(1)
 
 

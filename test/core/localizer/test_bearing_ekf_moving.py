@@ -61,7 +61,7 @@ def test_no_speed_is_the_still_bank(monkeypatch):
     track = course()[:100]
     rays = [Ray(x, y, math.atan2(150 - y, 80 - x) + 0.01 * math.sin(k), STD) for k, (x, y) in enumerate(track)]
     moving = MovingBearingEkf(rays[0], 5.0, 500.0, speed_std=0.0, process_noise=0.1)
-    monkeypatch.setattr("uw_acoustic_loc.core.bearing_ekf._RATIO", 1.2)
+    monkeypatch.setattr("uw_acoustic_loc.core.localizer.bearing_ekf._RATIO", 1.2)
     still = range_bank(rays[0], 5.0, 500.0, 0.1)
     for ray in rays[1:]:
         for ekf in (moving, still):

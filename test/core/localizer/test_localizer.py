@@ -13,7 +13,8 @@ import pytest
 from uw_acoustic_loc.config import build
 from uw_acoustic_loc.core.geometry import mirror_bearing, wrap_angle
 from uw_acoustic_loc.core.impulsive import AlphaStable, ImpulsiveNoise
-from uw_acoustic_loc.core.localizer.localizer import LocalizerConfig, SourceLocalizer, independent_share
+from uw_acoustic_loc.core.localizer.config import LocalizerConfig
+from uw_acoustic_loc.core.localizer.localizer import SourceLocalizer, independent_share
 
 STD = math.radians(2)
 SOURCE = (20.0, 15.0)

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.localizer.log_polar import bearing_moments, cartesian, corrected, seen_from
+from uw_acoustic_loc.core.localizer.log_polar import LogPolar, Mixture, bearing_moments, cartesian, corrected, seen_from
 
 
 def as_cov(g: float, q: complex) -> np.ndarray:
@@ -16,19 +16,20 @@ def as_cov(g: float, q: complex) -> np.ndarray:
     return np.array([[g + q.real, q.imag], [q.imag, g - q.real]]) / 2
 
 
-def state(rng: np.random.Generator) -> tuple[complex, float, complex]:
+def state(rng: np.random.Generator) -> LogPolar:
     root = 0.3 * rng.standard_normal((2, 2))
     cov = root @ root.T
     line = complex(*rng.uniform(-50, 50, 2))
-    return line, cov[0, 0] + cov[1, 1], complex(cov[0, 0] - cov[1, 1], 2 * cov[0, 1])
+    return LogPolar(line, float(cov[0, 0] + cov[1, 1]), complex(cov[0, 0] - cov[1, 1], 2 * cov[0, 1]))
 
 
 def test_a_bearing_corrects_as_the_kalman_equations_say():
     rng, H = np.random.default_rng(1), np.array([[0.0, 1.0]])
     for _ in range(50):
-        line, g, q = state(rng)
-        P, bearing, R = as_cov(g, q), rng.uniform(-math.pi, math.pi), rng.uniform(0.001, 0.1)
-        found, g1, q1, error, S = corrected(line, g, q, cmath.rect(1, bearing), R, cmath.exp, cmath.phase)
+        before = state(rng)
+        line, P = before.line, as_cov(before.g, before.q)
+        bearing, R = rng.uniform(-math.pi, math.pi), rng.uniform(0.001, 0.1)
+        (found, g1, q1), error, S = corrected(before, cmath.rect(1, bearing), R)
         K = P @ H.T / (P[1, 1] + R)
         expected = np.array([math.log(abs(line)), cmath.phase(line)]) + K[:, 0] * error
         assert cmath.exp(complex(*expected)) == pytest.approx(found)
@@ -45,9 +46,10 @@ def test_a_motion_maps_the_error_with_the_jacobian():
         return np.array([math.log(abs(line)), cmath.phase(line)])
 
     for _ in range(20):
-        line, g, q = state(rng)
+        before = state(rng)
+        line, g, q = before
         shift, zeta = complex(*rng.uniform(-5, 5, 2)), np.array([math.log(abs(line)), cmath.phase(line)])
-        found, g1, q1 = seen_from(line, g, q, shift)
+        found, g1, q1 = seen_from(before, shift)
         steps = 1e-6 * np.eye(2)
         J = np.stack([(moved(zeta + step, shift) - moved(zeta - step, shift)) / 2e-6 for step in steps], axis=1)
         assert found == line + shift
@@ -57,21 +59,22 @@ def test_a_motion_maps_the_error_with_the_jacobian():
 def test_arrays_give_what_numbers_give():
     rng = np.random.default_rng(3)
     states = [state(rng) for _ in range(7)]
-    line, g, q = (np.array(column) for column in zip(*states, strict=True))
+    together = LogPolar(*(np.array(column) for column in zip(*states, strict=True)))
     toward = np.exp(1j * rng.uniform(-3, 3, 7))
-    many = corrected(*seen_from(line, g, q, 2 - 1j), toward, 0.01, np.exp, np.angle)
+    many = corrected(seen_from(together, 2 - 1j), toward, 0.01)
     for k, one in enumerate(states):
-        single = corrected(*seen_from(*one, 2 - 1j), toward[k], 0.01, cmath.exp, cmath.phase)
-        np.testing.assert_allclose([column[k] for column in many], single, rtol=1e-12)
+        single = corrected(seen_from(one, 2 - 1j), complex(toward[k]), 0.01)
+        np.testing.assert_allclose([column[k] for column in many.state], single.state, rtol=1e-12)
+        np.testing.assert_allclose((many.error[k], many.S[k]), (single.error, single.S), rtol=1e-12)
 
 
 def test_a_thousand_steps_leave_a_covariance():
     """Never an eigenvalue below zero, without symmetrising; the bearing's variance is that of as many measurements."""
-    line, g, q = 40 + 30j, 0.5, 0.3 + 0.1j
+    state = LogPolar(40 + 30j, 0.5, 0.3 + 0.1j)
     for k in range(1000):
-        line, g, q = seen_from(line, g, q, 0.05 * cmath.rect(1, 0.01 * k))
-        line, g, q, _, _ = corrected(line, g, q, line / abs(line), 1e-4, cmath.exp, cmath.phase)
-        assert np.linalg.eigvalsh(as_cov(g, q))[0] > 0
+        state = seen_from(state, 0.05 * cmath.rect(1, 0.01 * k))
+        state = corrected(state, state.line / abs(state.line), 1e-4).state
+        assert np.linalg.eigvalsh(as_cov(state.g, state.q))[0] > 0
 
 
 def test_moments_of_a_mixture_are_those_of_draws():
@@ -83,10 +86,16 @@ def test_moments_of_a_mixture_are_those_of_draws():
         off = rng.multivariate_normal(np.zeros(2), as_cov(float(g[k]), complex(q[k])), round(weight[k] * n))
         draws.append(line[k] * np.exp(off @ np.array([1, 1j])))
     points = np.concatenate(draws)
-    fix = cartesian(weight, line, g, q)
+    fix = cartesian(Mixture(weight, line, g, q), [0j, 0j], 0j)
     np.testing.assert_allclose(fix.mean, [points.real.mean(), points.imag.mean()], atol=0.1)
     np.testing.assert_allclose(fix.cov, np.cov(points.real, points.imag), atol=0.7)
-    mean, variance = bearing_moments(weight, line, (g - q.real) / 2)
+    apart = np.array([5 - 2j, -30 + 1j])  # seen from two places
+    moved = cartesian(Mixture(weight, line, g, q), apart.tolist(), 1 + 1j)
+    points += np.repeat(apart, [draw.size for draw in draws])
+    np.testing.assert_allclose(moved.mean, [1 + points.real.mean(), 1 + points.imag.mean()], atol=0.1)
+    np.testing.assert_allclose(moved.cov, np.cov(points.real, points.imag), atol=1.0)
+    points -= np.repeat(apart, [draw.size for draw in draws])
+    mean, variance = bearing_moments(Mixture(weight, line, g, q))
     around = np.angle(points * -1)  # the seam lies opposite
     assert math.remainder(mean - math.pi, 2 * math.pi) == pytest.approx(around.mean(), abs=3e-3)
     assert variance == pytest.approx(around.var(), rel=0.02)

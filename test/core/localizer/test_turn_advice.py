@@ -9,7 +9,8 @@ import pytest
 
 from uw_acoustic_loc.config import build
 from uw_acoustic_loc.core.geometry import wrap_angle
-from uw_acoustic_loc.core.localizer.localizer import LocalizerConfig, SourceLocalizer
+from uw_acoustic_loc.core.localizer.config import LocalizerConfig
+from uw_acoustic_loc.core.localizer.localizer import SourceLocalizer
 from uw_acoustic_loc.core.localizer.turn_advice import advice, best_turn
 
 

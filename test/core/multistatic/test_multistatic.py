@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.multistatic.bound import cramer_rao, dilution, position_error
-from uw_acoustic_loc.core.multistatic.estimator import METHODS, Net, Noise, locate
+from uw_acoustic_loc.core.multistatic.estimator import METHODS, Noise, SonarNet, locate
 
 TRIALS = 40
 
 
 def polygon(count, distance=2000.0):
     angle = 2 * np.pi * np.arange(count) / count
-    return Net(np.zeros(2), distance * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return SonarNet(np.zeros(2), distance * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
 def uniform(net, range_std=40.0, bearing_std=0.02, rayleigh=True):
@@ -50,7 +50,9 @@ def nees(errors, cov):
 
 
 def test_measures_range_sum_and_bearing_of_the_target_at_the_receiver():
-    ranges, bearings = Net(np.array([0.0, 0.0]), np.array([[300.0, 0.0], [0.0, 0.0]])).measure(np.array([300.0, 400.0]))
+    ranges, bearings = SonarNet(np.array([0.0, 0.0]), np.array([[300.0, 0.0], [0.0, 0.0]])).measure(
+        np.array([300.0, 400.0])
+    )
     np.testing.assert_allclose(ranges, [900.0, 1000.0])
     np.testing.assert_allclose(bearings, [math.pi / 2, math.atan2(4, 3)])
 
@@ -96,12 +98,12 @@ def test_cramer_rao_bound_is_the_inverse_of_the_information_of_finite_difference
 
 def test_dilution_of_a_net_that_can_be_worked_out_by_hand():
     # rows of G: (1, 0) + (1, 0) and (1, 0) + (0, 1), so the trace of (G^T G)^-1 is 1.5
-    net = Net(np.zeros(2), np.array([[0.0, 0.0], [1000.0, -1000.0]]))
+    net = SonarNet(np.zeros(2), np.array([[0.0, 0.0], [1000.0, -1000.0]]))
     assert dilution(net, np.array([1000.0, 0.0])) == pytest.approx(math.sqrt(1.5))
 
 
 def test_bound_is_infinite_where_the_net_does_not_determine_the_position():
-    net = Net(np.zeros(2), np.array([[1000.0, 0.0], [2000.0, 0.0]]))
+    net = SonarNet(np.zeros(2), np.array([[1000.0, 0.0], [2000.0, 0.0]]))
     assert np.isinf(dilution(net, np.array([3000.0, 0.0])))
 
 
@@ -214,14 +216,14 @@ def test_contradictory_ranges_are_marked_by_their_misfit():
 
 
 def test_error_sentences():
-    net, line = polygon(3), Net(np.zeros(2), np.array([[1000.0, 0.0], [-2000.0, 0.0]]))
+    net, line = polygon(3), SonarNet(np.zeros(2), np.array([[1000.0, 0.0], [-2000.0, 0.0]]))
     three, one = np.ones(3), np.ones(1)
     with pytest.raises(ValueError, match=r"must be \(3, ...\), got \(1,\), \(1,\) and \(3,\)"):
         locate(net, one, one, Noise(three, three))
     with pytest.raises(ValueError, match=r"method must be one of ls, .* got 'best'"):
         locate(net, three, three, Noise(three, three), "best")
     with pytest.raises(ValueError, match="ml_range needs at least 2 receivers, got 1"):
-        locate(Net(np.zeros(2), np.ones((1, 2))), one, one, Noise(one, one), "ml_range")
+        locate(SonarNet(np.zeros(2), np.ones((1, 2))), one, one, Noise(one, one), "ml_range")
     with pytest.raises(ValueError, match="ls needs 2 receivers that are not in line with the transmitter"):
         locate(line, np.ones(2), np.ones(2), Noise(np.ones(2), np.ones(2)), "ls")
     with pytest.raises(ValueError, match=r"range_std must be positive, got \[0.0\]"):
@@ -229,8 +231,8 @@ def test_error_sentences():
     with pytest.raises(ValueError, match="range_std and bearing_std must be"):
         Noise(three, one)
     with pytest.raises(ValueError, match="transmitter must be"):
-        Net(np.array([np.nan, 0.0]), np.ones((1, 2)))
+        SonarNet(np.array([np.nan, 0.0]), np.ones((1, 2)))
     with pytest.raises(ValueError, match=r"receivers must be \(N, 2\), N >= 1, got \(0, 2\)"):
-        Net(np.zeros(2), np.empty((0, 2)))
+        SonarNet(np.zeros(2), np.empty((0, 2)))
     with pytest.raises(ValueError, match="receivers must be finite"):
-        Net(np.zeros(2), np.array([[np.inf, 0.0]]))
+        SonarNet(np.zeros(2), np.array([[np.inf, 0.0]]))

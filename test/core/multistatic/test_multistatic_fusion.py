@@ -5,11 +5,11 @@ import pytest
 
 from uw_acoustic_loc.config import build
 from uw_acoustic_loc.core.multistatic.association import residuals_at
-from uw_acoustic_loc.core.multistatic.estimator import METHODS, Net, Noise, gaussian_likelihood
-from uw_acoustic_loc.core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, Ping
+from uw_acoustic_loc.core.multistatic.estimator import METHODS, Noise, SonarNet, gaussian_likelihood
+from uw_acoustic_loc.core.multistatic.fusion import Echoes, Fusion, MultistaticConfig, PingScan
 from uw_acoustic_loc.core.multistatic.track import Track
 
-NET = Net(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
+NET = SonarNet(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
 RANGE_STD, BEARING_STD = 40.0, 0.02
 
 
@@ -104,7 +104,7 @@ def test_two_receivers_are_enough_and_one_only_if_wanted():
 
 
 def test_a_net_of_one_receiver_gives_fixes():
-    net = Net(np.zeros(2), np.array([[2000.0, 0.0]]))
+    net = SonarNet(np.zeros(2), np.array([[2000.0, 0.0]]))
     ranges, bearings = net.measure(np.array([2600.0, 1400.0]))
     bias = Noise(np.array([RANGE_STD]), np.array([BEARING_STD])).bias
     (fix,) = Fusion(net, MultistaticConfig()).fixes(rows([0], ranges + bias, bearings))
@@ -112,7 +112,7 @@ def test_a_net_of_one_receiver_gives_fixes():
 
 
 def test_receivers_that_the_method_cannot_use_alone_give_no_fix():
-    net = Net(np.zeros(2), np.array([[2000.0, 0.0], [-2000.0, 0.0], [0.0, 2000.0]]))
+    net = SonarNet(np.zeros(2), np.array([[2000.0, 0.0], [-2000.0, 0.0], [0.0, 2000.0]]))
     ranges, bearings = net.measure(np.array([600.0, 1400.0]))
     in_line = rows([0, 1], ranges[:2] + 76.5, bearings[:2])
     assert list(Fusion(net, MultistaticConfig(method="ls")).fixes(in_line)) == []
@@ -136,7 +136,7 @@ def test_a_vague_tracks_sighting_is_the_fix_of_its_detections():
         target = rng.uniform(-4000, 4000, 2)
         echoes = echoes_of([target], rng)
         (fix,) = fusion.fixes(echoes)
-        (seen,) = Ping(fusion, echoes).claim([track(*(target + rng.normal(0, 100, 2)), std=100.0)])
+        (seen,) = PingScan(fusion, echoes).claim([track(*(target + rng.normal(0, 100, 2)), std=100.0)])
         apart = seen.position - fix.position
         assert apart @ np.linalg.solve(fix.cov, apart) < 0.1**2  # a tenth of a standard deviation
         np.testing.assert_allclose(seen.cov, fix.cov, rtol=0.15, atol=0.05 * np.trace(fix.cov))
@@ -146,7 +146,7 @@ def test_a_vague_tracks_sighting_is_the_fix_of_its_detections():
 def test_tracks_claim_each_receivers_detections_and_the_rest_makes_fixes():
     rng, fusion = np.random.default_rng(7), Fusion(NET, MultistaticConfig())
     targets = [(2600.0, 1400.0), (-1500.0, 1500.0), (100.0, -2500.0)]
-    scan = Ping(fusion, echoes_of(targets, rng, misses=[0, 3]))  # the first target's echo at one receiver is left
+    scan = PingScan(fusion, echoes_of(targets, rng, misses=[0, 3]))  # the first target's echo at one receiver is left
     claimed = scan.claim([track(*targets[1]), track(*targets[0])])
     for seen, target in zip(claimed, [targets[1], targets[0]], strict=True):
         error = seen.position - target
@@ -159,14 +159,14 @@ def test_tracks_claim_each_receivers_detections_and_the_rest_makes_fixes():
 
 def test_a_tentative_track_needs_as_many_receivers_as_a_fix():
     rng, target = np.random.default_rng(8), (2600.0, 1400.0)
-    scan = Ping(Fusion(NET, MultistaticConfig()), echoes_of([target], rng, misses=[0, 1]))
+    scan = PingScan(Fusion(NET, MultistaticConfig()), echoes_of([target], rng, misses=[0, 1]))
     assert scan.claim([track(*target, number=0)]) == [None]
     assert scan.claim([track(*target)]) != [None]
 
 
 def test_a_receiver_upon_whose_baseline_the_track_lies_leaves_its_distance_open():
     rng = np.random.default_rng(9)
-    scan = Ping(Fusion(NET, MultistaticConfig()), echoes_of([(1000.0, 0.5)], rng, misses=[1, 2]))
+    scan = PingScan(Fusion(NET, MultistaticConfig()), echoes_of([(1000.0, 0.5)], rng, misses=[1, 2]))
     (seen,) = scan.claim([track(1000.0, 0.0)])
     assert np.sqrt(seen.cov[0, 0]) > 1000
     assert np.sqrt(seen.cov[1, 1]) < 40
@@ -178,4 +178,4 @@ def test_config_errors():
     with pytest.raises(ValueError, match="method must be one of ls, ml_range, ml_range_bearing, ml_exact, got 'ml'"):
         build(MultistaticConfig, {"method": "ml"}, "node")
     with pytest.raises(ValueError, match="ls needs 2 receivers"):
-        Fusion(Net(np.zeros(2), np.array([[2000.0, 0.0]])), MultistaticConfig(method="ls"))
+        Fusion(SonarNet(np.zeros(2), np.array([[2000.0, 0.0]])), MultistaticConfig(method="ls"))

@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.multistatic.estimator import RAYLEIGH_SCALE, Net, Noise, gaussian_likelihood
+from uw_acoustic_loc.core.multistatic.estimator import RAYLEIGH_SCALE, Noise, SonarNet, gaussian_likelihood
 from uw_acoustic_loc.core.multistatic.model import rayleigh_terms
 from uw_acoustic_loc.core.multistatic.posterior import posterior
 from uw_acoustic_loc.core.multistatic.start import directions
 
 
 def likelihoods():
-    net = Net(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
+    net = SonarNet(np.zeros(2), np.array([[2000.0, 0.0], [-1000.0, 1732.0], [-1000.0, -1732.0]]))
     noise = Noise(np.full(3, 40.0), np.full(3, 0.02))
     ranges, bearings = net.measure(np.array([[1500.0, 800.0]]))
     ranges, bearings = ranges + np.array([[30.0], [80.0], [120.0]]), bearings + np.array([[0.02], [-0.01], [0.0]])

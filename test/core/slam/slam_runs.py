@@ -8,9 +8,11 @@ import numpy as np
 
 from uw_acoustic_loc.config import build
 from uw_acoustic_loc.core.geometry import wrap_angle
-from uw_acoustic_loc.core.localizer.triangulation import Fix
-from uw_acoustic_loc.core.slam.filter import Slam, SlamConfig
+from uw_acoustic_loc.core.localizer.triangulation import PlanarFix
+from uw_acoustic_loc.core.slam.config import SlamConfig
+from uw_acoustic_loc.core.slam.filter import Slam, SourceBearing
 from uw_acoustic_loc.core.slam.relinearise import SlamPasses
+from uw_acoustic_loc.core.types import Bearing
 from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint
 from uw_acoustic_loc.sim.trajectory import Trajectory
 from uw_acoustic_loc.sim.vehicle import VehicleSource
@@ -49,19 +51,17 @@ def measurements(scenario: Scenario, std: float = STD, pingers=PINGERS) -> list[
 
 def feed(slam: Slam | SlamPasses, events: list[tuple[int, str, object]], image=lambda bearing: bearing) -> None:
     for t_ns, topic, value in events:
-        if topic == "imu/data":
-            slam.on_imu(t_ns, value.angular, value.acceleration)
-        elif topic == "dvl/twist":
-            slam.on_velocity(t_ns, value.linear)
+        if topic in ("imu/data", "dvl/twist"):
+            slam.take(value)
         else:
-            slam.on_bearing(topic, t_ns, image(value), math.nan, ZERO)
+            slam.take(SourceBearing(topic, Bearing(t_ns, image(value), math.nan, np.zeros(3))))
 
 
 def errors(slam: Slam, scenario: Scenario, pingers=PINGERS) -> dict[str, tuple[float, float]]:
     """Distance and NEES per dimension at the end."""
     origin, rotation, _ = start_frame(scenario)
     end = Trajectory(scenario.vehicle).at(scenario.duration).positions[:2, 0]
-    fixes = {"vehicle": (Fix(slam.joint.mean[:2], slam.joint.cov[:2, :2]), end)}
+    fixes = {"vehicle": (PlanarFix(slam.joint.mean[:2], slam.joint.cov[:2, :2]), end)}
     fixes |= {name: (slam.position(name), np.array(at)) for name, at in pingers.items()}
     found = {}
     for name, (fix, true) in fixes.items():

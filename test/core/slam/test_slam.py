@@ -10,11 +10,12 @@ import pytest
 from slam_runs import BOAT, PINGERS, SCENARIO, STD, ZERO, config, errors, feed, measurements
 
 from uw_acoustic_loc.core.geometry import wrap_angle
-from uw_acoustic_loc.core.localizer.triangulation import Fix
-from uw_acoustic_loc.core.slam.filter import Slam
+from uw_acoustic_loc.core.localizer.triangulation import PlanarFix
+from uw_acoustic_loc.core.slam.filter import Slam, SourceBearing
 from uw_acoustic_loc.core.slam.inertial import SIZE, YAW
 from uw_acoustic_loc.core.slam.joint import Joint, regression
 from uw_acoustic_loc.core.slam.relinearise import SlamPasses
+from uw_acoustic_loc.core.types import Bearing, BodyVelocity, Imu
 from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint
 
 
@@ -44,7 +45,7 @@ def test_without_bearings_it_is_honest_dead_reckoning():
 
 def test_bearing_jacobian_and_sign():
     joint = Joint(np.concatenate([[3.0, -2.0, 0, 0, 0, 0.7], np.zeros(9)]), np.full(SIZE, 1e-8))
-    slot = joint.add(Fix(np.array([10.0, 6.0]), 1e-8 * np.eye(2)), np.zeros((2, SIZE)))
+    slot = joint.add(PlanarFix(np.array([10.0, 6.0]), 1e-8 * np.eye(2)), np.zeros((2, SIZE)))
     offset = np.array([0.8, -0.3])
 
     def expected(mean: np.ndarray) -> float:
@@ -79,10 +80,10 @@ def test_cross_covariance_of_a_new_pinger():
     J = np.zeros((2, SIZE))
     J[0, 0] = J[1, 1] = 1.0
     J[0, YAW] = -4.0
-    joint.add(Fix(np.array([3.0, 4.0]), np.diag([0.5, 0.25])), J)
+    joint.add(PlanarFix(np.array([3.0, 4.0]), np.diag([0.5, 0.25])), J)
     np.testing.assert_allclose(joint.cov[SIZE:, :SIZE], J @ np.diag(np.arange(1.0, SIZE + 1)))
     np.testing.assert_allclose(joint.cov[SIZE:, SIZE:], [[1 + 16 * 6 + 0.5, 0], [0, 2.25]])
-    second = joint.add(Fix(np.ones(2), np.eye(2)), J)
+    second = joint.add(PlanarFix(np.ones(2), np.eye(2)), J)
     joint.remove(joint._slots[0])
     assert second.start == SIZE and joint.mean.size == SIZE + 2
     np.testing.assert_array_equal(joint.mean[second.part], 1.0)
@@ -133,20 +134,24 @@ def test_a_sudden_stop_reopens_the_velocity_gate():
     assert slam.dvl.unused == 2 and abs(slam.joint.mean[6]) < 0.05
 
 
+def heard(t_ns: int, variance: float) -> SourceBearing:
+    return SourceBearing("a", Bearing(t_ns, 0.1, variance, np.zeros(3)))
+
+
 def test_sentences():
     slam = Slam(config(bearing_std=0.0))
     with pytest.raises(ValueError, match="no IMU reading yet"):
-        slam.on_velocity(1, np.zeros(3))
-    slam.on_imu(1_000_000_000, np.zeros(3), np.array([0, 0, 9.81]))
+        slam.take(BodyVelocity(1, np.zeros(3)))
+    slam.take(Imu(1_000_000_000, np.zeros(3), np.array([0, 0, 9.81])))
     with pytest.raises(ValueError, match="variance must be positive"):
-        slam.on_bearing("a", 1_000_000_000, 0.1, math.nan, ZERO)
+        slam.take(heard(1_000_000_000, math.nan))
     with pytest.raises(ValueError, match=r"the IMU is 2\.000 s behind, allowed are 0\.5 s"):
-        slam.on_bearing("a", 3_000_000_000, 0.1, 0.01, ZERO)
-    slam.on_bearing("a", 1_100_000_000, 0.1, 0.01, ZERO)
+        slam.take(heard(3_000_000_000, 0.01))
+    slam.take(heard(1_100_000_000, 0.01))
     with pytest.raises(ValueError, match="bearing at 1100000000 ns must come after"):
-        slam.on_bearing("a", 1_100_000_000, 0.1, 0.01, ZERO)
+        slam.take(heard(1_100_000_000, 0.01))
     with pytest.raises(ValueError, match="must not be before"):
-        slam.on_imu(1_000_000_000, np.zeros(3), np.zeros(3))
+        slam.take(Imu(1_000_000_000, np.zeros(3), np.zeros(3)))
     with pytest.raises(ValueError, match=r"mean and variances must be \(15,\)"):
         Joint(np.zeros(3), np.zeros(15))
 
@@ -154,7 +159,7 @@ def test_sentences():
 def test_a_correction_is_the_textbooks_and_leaves_the_covariance_symmetric():
     rng = np.random.default_rng(8)
     joint = Joint(np.zeros(SIZE), np.full(SIZE, 1e-2))
-    slot = joint.add(Fix(np.array([9.0, 4.0]), np.diag([0.2, 0.1])), 0.1 * rng.normal(size=(2, SIZE)))
+    slot = joint.add(PlanarFix(np.array([9.0, 4.0]), np.diag([0.2, 0.1])), 0.1 * rng.normal(size=(2, SIZE)))
     for _ in range(50):
         before, prediction = joint.cov.copy(), joint.bearing(slot, np.array([0.5, 0.2]))
         mean = joint.mean + prediction.cross * 0.01 / (prediction.variance + 0.02)
@@ -169,7 +174,7 @@ def nees_after_a_quick_pass(seed: int) -> float:
     """15 bearings of 5 degrees on a known track, past a pinger at 1.2 m that is known to 2 m along and 0.2 m across."""
     rng, at, spread = np.random.default_rng([41, seed]), np.array([0.0, 1.2]), np.array([2.0, 0.2])
     joint = Joint(np.zeros(SIZE), np.full(SIZE, 1e-9))
-    slot = joint.add(Fix(at + spread * rng.normal(size=2), np.diag(spread**2)), np.zeros((2, SIZE)))
+    slot = joint.add(PlanarFix(at + spread * rng.normal(size=2), np.diag(spread**2)), np.zeros((2, SIZE)))
     for x in np.linspace(-20, 20, 15):
         joint.mean[0] = x
         prediction = joint.bearing(slot, ZERO)

@@ -12,6 +12,7 @@ from uw_acoustic_loc.core.slam import relinearise as slam_passes
 from uw_acoustic_loc.core.slam.filter import Slam
 from uw_acoustic_loc.core.slam.inertial import SIZE
 from uw_acoustic_loc.core.slam.relinearise import Pass, SlamPasses
+from uw_acoustic_loc.core.types import Imu
 from uw_acoustic_loc.sim.scenario import Scenario
 
 Event = tuple[int, str, object]
@@ -111,7 +112,7 @@ def test_a_pass_that_does_not_know_the_bias_does_not_take_over():
 
 def test_a_refused_measurement_is_not_remembered():
     passes, level = SlamPasses(config()), np.array([0.0, 0.0, 9.81])
-    passes.on_imu(1_000_000_000, np.zeros(3), level)
+    passes.take(Imu(1_000_000_000, np.zeros(3), level))
     with pytest.raises(ValueError, match="must come after"):
-        passes.on_imu(1_000_000_000, np.zeros(3), level)
+        passes.take(Imu(1_000_000_000, np.zeros(3), level))
     assert len(passes._past) == 1

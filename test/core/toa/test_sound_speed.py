@@ -1,6 +1,6 @@
 import pytest
 
-from uw_acoustic_loc.core.toa.sound_speed import mackenzie
+from uw_acoustic_loc.core.toa.config import mackenzie
 
 
 def test_the_check_value_of_the_formula() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.config import build, changed, configured
-from uw_acoustic_loc.core.toa.clock import heard_times
 from uw_acoustic_loc.core.toa.config import ToaConfig
+from uw_acoustic_loc.core.toa.model import heard_times
 from uw_acoustic_loc.core.toa.paths import make_net
 from uw_acoustic_loc.core.toa.tracker import ToaTracker
 from uw_acoustic_loc.core.types import Array, Arrivals

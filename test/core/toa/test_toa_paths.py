@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.toa.paths import Epoch, Net, associate, associate_by_order, make_net, screen
+from uw_acoustic_loc.core.toa.paths import Epoch, ReceiverNet, associate, associate_by_order, make_net, screen
 from uw_acoustic_loc.core.types import Array, Arrivals
 
 POSITIONS = np.array([[0.0, 0.0, 0.0], [1000.0, 0.0, -5.0]])
@@ -9,7 +9,7 @@ TARGET = np.array([300.0, 100.0, -60.0])
 D, B, S = Arrivals.DIRECT, Arrivals.BOTTOM, Arrivals.SURFACE
 
 
-def net(bottom_depth: float = 200.0) -> Net:
+def net(bottom_depth: float = 200.0) -> ReceiverNet:
     return make_net([7, 9], POSITIONS, bottom_depth)
 
 
@@ -80,14 +80,14 @@ def test_joint_assignment_finds_shifted_paths_and_leaves_the_rest() -> None:
     shift = 0.02  # common to both paths, as a wrong position is
     times = [direct + shift, bottom + shift, bottom + 0.4, direct - 0.1]
     epoch, _ = screen(rows([7] * 4, [0] * 4, times), net())
-    found, _ = associate(epoch, predictor, 3.0)
+    found, *_ = associate(epoch, predictor, 3.0)
     assert dict(zip(found.path.tolist(), found.time.tolist(), strict=True)) == {D: times[0], B: times[1]}
 
 
 def test_of_a_label_given_twice_the_expected_one_is_taken() -> None:
     direct = flown(net().images[D, 0])
     epoch, _ = screen(rows([7, 7], [D, D], [direct + 0.02, direct]), net())
-    found, _ = associate(epoch, predictor, 3.0)
+    found, *_ = associate(epoch, predictor, 3.0)
     assert (found.path.tolist(), found.time.tolist()) == ([D], [direct])
 
 
@@ -111,7 +111,7 @@ def test_a_net_that_cannot_be_is_refused(ids: list[int], positions: Array, sente
 
 
 def test_epoch_rows_keeps_columns_together() -> None:
-    epoch = Epoch(1, net(), np.array([0, 1]), np.array([D, B]), np.array([0.1, 0.2]), np.array([1.0, 2.0]))
+    epoch = Epoch(1, net(), np.array([0, 1]), np.array([D, B]), np.array([0.1, 0.2]), np.array([1.0, 2.0]), np.zeros(2))
     kept = epoch.rows(np.array([1]))
     assert (kept.receiver.tolist(), kept.path.tolist(), kept.time.tolist(), kept.std.tolist()) == ([1], [B], [0.2], [2])
 
@@ -124,8 +124,8 @@ def test_probabilities_of_paths_are_how_often_they_are_right() -> None:
     for _ in range(2000):
         direct = int(rng.integers(2))
         time = rng.normal(expected, spread)[[direct, 1 - direct]]
-        epoch = Epoch(1, net, np.zeros(2, int), np.zeros(2, int), time, spread)
-        _, found = associate(epoch, lambda *_: (expected.copy(), np.zeros((2, 2))), 8.0)  # no path is missed
+        epoch = Epoch(1, net, np.zeros(2, int), np.zeros(2, int), time, spread, np.zeros(2))
+        _, found, _ = associate(epoch, lambda *_: (expected.copy(), np.zeros((2, 2))), 8.0)  # no path is missed
         assert found.receiver.tolist() == [9, 9]
         assert found.direct + found.bottom == pytest.approx(np.ones(2), abs=1e-6)
         told.append(found.direct[0])

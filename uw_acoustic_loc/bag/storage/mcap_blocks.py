@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import IO
 
-import zstandard
-from lz4.frame import LZ4FrameDecompressor
 from mcap.opcode import Opcode
+
+from .compression import unpacked_lz4, unpacked_zstd
 
 HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 _CHUNK = struct.Struct("<QQQII")  # first and last log time, size and CRC when unpacked, length of compression's name
 _RUN = 1 << 20  # bytes
+_LARGEST_CHUNK = 1 << 30  # bytes, unpacked; rosbag2's have less than 1 MB, other writers' some MB
 _LAST_OPCODE = max(Opcode)
 
 
@@ -31,18 +33,21 @@ class Block:
 
 
 def bytes_at(stream: IO[bytes], begin: int, length: int) -> bytes:
-    """Bytes of a file; fewer where it ends."""
+    """Bytes of a file; fewer where it ends, whatever a damaged length says."""
+    size = os.fstat(stream.fileno()).st_size
+    if not 0 <= begin < size:
+        return b""
     stream.seek(begin)
-    return stream.read(length)
+    return stream.read(min(length, size - begin))
 
 
 def known(opcode: int) -> bool:
-    """Whether a record may begin so: 1 to 15 are defined, those from 128 are anybody's own and left out."""
+    """Returns whether a record may begin so: 1 to 15 are defined, those from 128 are private and left out."""
     return 0 < opcode <= _LAST_OPCODE or opcode >= 0x80
 
 
 def append(blocks: list[Block], block: Block) -> None:
-    """Messages outside of chunks make one block, up to a size."""
+    """Appends a block; messages outside of chunks make one, up to a size."""
     last = blocks[-1] if blocks else None
     if last is None or last.chunk or block.chunk or last.end != block.begin or block.end - last.begin > _RUN:
         blocks.append(block)
@@ -52,7 +57,7 @@ def append(blocks: list[Block], block: Block) -> None:
 
 
 def times(stream: IO[bytes], opcode: int, begin: int) -> tuple[int, int]:
-    """Log times of a chunk or a message."""
+    """Reads first and last log time in ns of a chunk or a message."""
     if opcode == Opcode.CHUNK:
         first_ns, last_ns = struct.unpack("<QQ", bytes_at(stream, begin, 16).ljust(16, b"\0"))
         return first_ns, last_ns
@@ -61,7 +66,7 @@ def times(stream: IO[bytes], opcode: int, begin: int) -> tuple[int, int]:
 
 
 def split(data: bytes, cut: bool = False) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each record's content; ValueError for one that does not fit, unless data are cut."""
+    """Yields opcode, begin and end of each record's content; ValueError if one does not fit and data are not cut."""
     at = 0
     while at < len(data):
         opcode, length = HEAD.unpack_from(data, at) if at + HEAD.size <= len(data) else (0, 0)
@@ -74,7 +79,7 @@ def split(data: bytes, cut: bool = False) -> Iterator[tuple[int, int, int]]:
 
 
 def payload_of(record: bytes, cut: bool) -> bytes:
-    """The unpacked records of a chunk; of a cut one, what its part of the data gives.
+    """Returns the unpacked records of a chunk; of a cut one, what its part of the data gives.
 
     Raises:
         ValueError: no chunk, or its length or CRC is wrong.
@@ -86,7 +91,9 @@ def payload_of(record: bytes, cut: bool) -> bytes:
     name = record[begin : begin + name_length].decode()
     (length,) = struct.unpack_from("<Q", record, begin + name_length)
     packed = record[begin + name_length + 8 :][:length]
-    data = _decompressed(name, packed)
+    if size > _LARGEST_CHUNK:
+        raise ValueError(f"a chunk must have at most {_LARGEST_CHUNK} bytes unpacked, it claims {size}")
+    data = _decompressed(name, packed, size, cut)
     if len(data) > size or (len(data) < size and not cut):
         raise ValueError(f"a chunk must have {size} bytes, got {len(data)}")
     if crc and len(data) == size and zlib.crc32(data) != crc:
@@ -94,12 +101,12 @@ def payload_of(record: bytes, cut: bool) -> bytes:
     return data
 
 
-def _decompressed(name: str, packed: bytes) -> bytes:
-    """As far as `packed` goes."""
+def _decompressed(name: str, packed: bytes, size: int, cut: bool) -> bytes:
+    """As far as `packed` goes, and no more than it claims."""
     if name == "zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+        return unpacked_zstd(packed, size, cut)
     if name == "lz4":
-        return bytes(LZ4FrameDecompressor().decompress(packed))
+        return unpacked_lz4(packed, size)
     if name:
         raise ValueError(f"compression of a chunk must be zstd, lz4 or none, got '{name}'")
     return packed

@@ -14,14 +14,13 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 
 from .mcap_blocks import HEAD, Block, append, bytes_at, known, payload_of, split, times
-from .stored import Damage, Record, Topic, full_type, is_latched, unpacked
+from .stored import Damage, Definition, Record, Topic, full_type, is_latched, unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
@@ -29,7 +28,7 @@ _TAIL = HEAD.size + 20 + len(MAGIC)  # footer and magic
 _DATA_END = HEAD.size + 4
 _PIECE = 1 << 20
 _LAST_NS = (1 << 63) - 1  # of ROS's clocks
-_BROKEN = (McapError, struct.error, ValueError, MemoryError, RuntimeError, zstandard.ZstdError)  # lz4: RuntimeError
+_BROKEN = (McapError, struct.error, ValueError, MemoryError, RuntimeError, OverflowError)  # lz4: RuntimeError
 
 _Message = tuple[int, int, bytes]  # log time, channel, CDR
 
@@ -45,12 +44,12 @@ class McapFile:
         self._topics: dict[int, Topic] = {}  # by channel
         with path.open("rb") as stream:
             self._size = stream.seek(0, 2)
-            self._told: int | None = None  # messages, by the summary's statistics
+            self._listed_count: int | None = None  # messages, by the summary's statistics
             self._data_end = 0  # where the record of the data's CRC begins
             if self._size == 0:
                 damage.note("byte 0", "the file is empty")
             elif bytes_at(stream, 0, len(MAGIC)) != MAGIC:
-                damage.note("byte 0", "an MCAP file does not begin like this")
+                damage.note("byte 0", "the file does not begin as an MCAP file")
             self._blocks = self._indexed(stream) or self._walked(stream)
             if not self._channels or any(
                 c.schema_id and c.schema_id not in self._schemas for c in self._channels.values()
@@ -64,12 +63,12 @@ class McapFile:
         return list(self._topics.values())
 
     def span(self) -> tuple[int, int] | None:
-        """First and last log time in ns, as the file tells."""
-        told = [block for block in self._blocks if block.last_ns]
-        return (min(b.first_ns for b in told), max(b.last_ns for b in told)) if told else None
+        """First and last log time in ns, as the file's index has them; messages of log time 0 do not count."""
+        timed = [block for block in self._blocks if block.last_ns]
+        return (min(b.first_ns or b.last_ns for b in timed), max(b.last_ns for b in timed)) if timed else None
 
     def records(self, topics: set[str] | None, by_time: bool) -> Iterator[Record]:
-        """Messages in the order of their log times, equal ones as they stand in the file; or all as they stand."""
+        """Yields messages in the order of their log times (equal ones as in the file), or all as in the file."""
         blocks = sorted(self._blocks, key=lambda block: block.first_ns if by_time else block.begin)
         pending: list[_Message] = []
         count = 0
@@ -94,22 +93,22 @@ class McapFile:
             if topic is None:
                 self._damage.note(f"log time {message[0]} ns", f"a message of channel {message[1]}, which is unknown")
             elif message[0] > _LAST_NS:
-                self._damage.note(f"log time {message[0]} ns", "no clock of ROS shows such a time")
-            elif topic.encoding == "cdr" and (topics is None or topic.name in topics):
+                self._damage.note(f"log time {message[0]} ns", "this time is beyond the clocks of ROS")
+            elif topics is None or topic.name in topics:
                 yield message
 
     def _as_records(self, messages: list[_Message]) -> Iterator[Record]:
         for t_ns, channel, data in messages:
             topic = self._topics[channel]
             try:
-                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data))
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition)
             except ValueError as error:
                 self._damage.note(f"log time {t_ns} ns", f"{topic.name}: {error}")
 
     # --- where the blocks are ---
 
     def _indexed(self, stream: IO[bytes]) -> list[Block]:
-        """By the summary, when there is one and it is whole."""
+        """Finds the blocks by the summary; none when there is no whole one."""
         tail = bytes_at(stream, max(self._size - _TAIL, 0), _TAIL)
         if not tail.endswith(MAGIC) or not tail.startswith(HEAD.pack(Opcode.FOOTER, 20)):
             return []
@@ -117,6 +116,10 @@ class McapFile:
         begin, end = footer.summary_start, self._size - _TAIL
         self._data_end = (begin or end) - _DATA_END
         if begin == 0:
+            return []
+        if not len(MAGIC) + _DATA_END <= begin <= end:
+            self._damage.note(f"byte {end}", f"the summary cannot begin at byte {begin}")
+            self._data_end = 0
             return []
         summary = bytes_at(stream, begin, max(end - begin, 0))
         if footer.summary_crc and zlib.crc32(summary + tail[:25]) != footer.summary_crc:
@@ -135,18 +138,20 @@ class McapFile:
             if opcode == Opcode.CHUNK_INDEX:
                 index = ChunkIndex.read(content)
                 at, length = index.chunk_start_offset, index.chunk_length
+                if at < len(MAGIC) or at + length > self._size:
+                    raise ValueError(f"a chunk of {length} bytes at byte {at} lies outside of the file")
                 blocks.append(Block(at, at + length, index.message_start_time, index.message_end_time, chunk=True))
             elif opcode == Opcode.METADATA_INDEX:
                 place = MetadataIndex.read(content)
                 self._learn(Opcode.METADATA, bytes_at(stream, place.offset, place.length)[HEAD.size :])
             elif opcode == Opcode.STATISTICS:
-                self._told = Statistics.read(content).message_count
+                self._listed_count = Statistics.read(content).message_count
             else:
                 self._learn(opcode, summary[begin:end])
         return blocks
 
     def _walked(self, stream: IO[bytes]) -> list[Block]:
-        """From record to record."""
+        """Finds the blocks by going from record to record."""
         blocks: list[Block] = []
         at = len(MAGIC)
         while True:
@@ -174,13 +179,13 @@ class McapFile:
 
     def _check_tail(self, data_end: int) -> None:
         if self._data_end == 0:
-            self._damage.note(f"byte {self._size}", "an MCAP file does not end like this")
+            self._damage.note(f"byte {self._size}", "the file does not end as an MCAP file")
         self._data_end = data_end
 
     def _check_data(self, stream: IO[bytes], count: int) -> None:
-        """The number of messages, and the CRC over everything before it: what no chunk's own CRC covers."""
-        if self._told not in (None, count):
-            self._damage.note("the messages", f"the summary tells of {self._told}, {count} are found")
+        """Checks the number of messages and the CRC of all data, which covers what no chunk's own CRC does."""
+        if self._listed_count not in (None, count):
+            self._damage.note("the messages", f"the summary lists {self._listed_count}, {count} are found")
         opcode, _length, expected = struct.unpack("<BQI", bytes_at(stream, self._data_end, _DATA_END).ljust(13, b"\0"))
         if opcode != Opcode.DATA_END:
             self._damage.note(f"byte {self._data_end}", "the end of the data is not marked")
@@ -192,10 +197,10 @@ class McapFile:
             if crc != expected:
                 self._damage.note(f"bytes 0 to {self._data_end}", "the checksum of all data is wrong")
 
-    # --- what stands in them ---
+    # --- what is in them ---
 
     def _parse(self, stream: IO[bytes], block: Block) -> list[_Message]:
-        """The messages of a block, as far as it can be read."""
+        """Returns the messages of a block, as far as it can be read."""
         found: list[_Message] = []
         try:
             payload = bytes_at(stream, block.begin, block.end - block.begin)
@@ -220,7 +225,7 @@ class McapFile:
             self._damage.note(f"byte {at}", _words(error))
 
     def _learn(self, opcode: int, content: bytes) -> None:
-        """Schemas, channels and metadata."""
+        """Takes schemas, channels and metadata over."""
         stream = ReadDataStream(BytesIO(content))
         if opcode == Opcode.METADATA:
             read = Metadata.read(stream)
@@ -236,9 +241,14 @@ class McapFile:
 
 
 def _topic(channel: Channel, schema: Schema | None) -> Topic:
-    latched = is_latched(channel.metadata.get("offered_qos_profiles", ""))
-    text = schema.data.decode(errors="replace") if schema else ""
-    return Topic(channel.topic, full_type(schema.name if schema else ""), latched, channel.message_encoding, text)
+    qos = channel.metadata.get("offered_qos_profiles", "")
+    definition = Definition(
+        schema.data.decode(errors="replace") if schema else "",
+        schema.encoding if schema else "",
+        channel.metadata.get("topic_type_hash", ""),
+    )
+    msgtype = full_type(schema.name if schema else "")
+    return Topic(channel.topic, msgtype, is_latched(qos), channel.message_encoding, definition, qos)
 
 
 def _words(error: BaseException) -> str:

@@ -8,29 +8,44 @@ from pathlib import Path
 from typing import NamedTuple
 
 import yaml
-import zstandard
 
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+from .compression import ZSTD_MAGIC, unpacked_zstd
+
+_LARGEST_MESSAGE = 1 << 30  # bytes, of a message that was compressed by itself
+
+
+@dataclass(frozen=True)
+class Definition:
+    """The text of a message type as it stands in a bag, its language (`ros2msg`, `ros2idl`) and its RIHS01 hash."""
+
+    text: str = ""
+    language: str = ""
+    type_hash: str = ""
+
+
+NO_DEFINITION = Definition()
 
 
 class Record(NamedTuple):
-    """A message as it stands in the bag."""
+    """A message of the bag, not decoded."""
 
     topic: str
     msgtype: str
     t_ns: int  # log time
     data: bytes
+    definition: Definition = NO_DEFINITION
 
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of the bag; `encoding` other than cdr means that its messages are not read."""
+    """A topic of the bag; messages of an `encoding` other than cdr can be copied and hashed, but not decoded."""
 
     name: str
     msgtype: str
     latched: bool
     encoding: str = "cdr"
-    definition: str = ""  # the type's text, where the bag has it
+    definition: Definition = NO_DEFINITION
+    qos: str = ""  # YAML, as the bag has it
 
 
 class Damage:
@@ -41,12 +56,12 @@ class Damage:
         self._reasons: dict[str, str] = {}
 
     def note(self, place: str, reason: str) -> None:
-        """A place in the file, such as `byte 512`, and what is wrong there."""
+        """Notes what is wrong at a place in the file, such as `byte 512`."""
         self._reasons.setdefault(place, reason)
 
     @property
     def sentences(self) -> list[str]:
-        """One sentence, or none."""
+        """A list of one sentence, or of none."""
         if not self._reasons:
             return []
         (place, reason), *more = self._reasons.items()
@@ -56,14 +71,14 @@ class Damage:
 
 
 def full_type(name: str) -> str:
-    """`std_msgs/String`, as some writers have it, is `std_msgs/msg/String`."""
+    """Completes `std_msgs/String`, as some writers have it, to `std_msgs/msg/String`."""
     package, _, rest = name.partition("/")
     return f"{package}/msg/{rest}" if rest and "/" not in rest else name
 
 
 @cache
 def is_latched(qos: str) -> bool:
-    """Whether QoS profiles in YAML keep the last value: a name in new bags, 1 (transient local) in old ones."""
+    """Returns whether QoS profiles in YAML are transient-local: by name in new bags, as 1 in old ones."""
     try:
         profiles = yaml.safe_load(qos) or []
         return any(profile.get("durability") in ("transient_local", 1) for profile in profiles)
@@ -72,14 +87,9 @@ def is_latched(qos: str) -> bool:
 
 
 def unpacked(data: bytes) -> bytes:
-    """A message that rosbag2 compressed by itself (a CDR header never begins like this).
+    """Unpacks a message that rosbag2 compressed by itself (a CDR header never begins like one).
 
     Raises:
-        ValueError: it cannot be decompressed.
+        ValueError: it cannot be decompressed, or is larger than any message.
     """
-    if data[:4] != ZSTD_MAGIC:
-        return data
-    try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    except zstandard.ZstdError as error:
-        raise ValueError(f"a compressed message cannot be unpacked ({error})") from None
+    return unpacked_zstd(data, _LARGEST_MESSAGE) if data[:4] == ZSTD_MAGIC else data

@@ -1,4 +1,4 @@
-"""`uwloc check`: a bag against what a file expects of it."""
+"""`uwloc check`: a bag against a file of expected values."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`uwloc convert-wav`: a sound file becomes a bag."""
+"""`uwloc convert-wav`: sound files become a bag."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
@@ -9,32 +9,64 @@ from pathlib import Path
 
 from ..console import STDERR
 
-HELP = "a WAV recording of two hydrophones into a bag for the bearing node"
+HELP = "sound files of two hydrophones (WAV, FLAC, ...) into a bag for the bearing node"
 
 
 def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
-    parser.add_argument("wav", type=Path, metavar="IN.wav")
+    parser.add_argument("wav", type=Path, metavar="IN.wav", nargs="*", help="one file, or consecutive ones")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="BAG")
     parser.add_argument("--spacing", type=float, required=True, metavar="D", help="m between the hydrophones")
     parser.add_argument("--sound-speed", type=float, default=1500.0, metavar="C", help="m/s (default %(default)s)")
-    parser.add_argument("--full-scale", type=float, default=1.0, metavar="PA", help="Pa of the largest sample")
-    parser.add_argument("--start", type=float, default=1_780_272_000.0, metavar="UNIX_S", help="of the first sample")
+    level = parser.add_mutually_exclusive_group()
+    level.add_argument("--full-scale", type=float, default=1.0, metavar="PA", help="Pa of the largest sample")
+    level.add_argument("--calibration", type=float, metavar="DB", help="the same in dB re 1 uPa")
+    start = "of the first sample; without it the files' names or their metadata must say"
+    parser.add_argument("--start", type=float, metavar="UNIX_S", help=start)
+    parser.add_argument("--time-format", default="", metavar="FMT", help="of strptime, for the names without suffix")
     parser.add_argument("--frame", type=float, default=0.1, metavar="S", help="length of a frame (default %(default)s)")
     parser.add_argument("--namespace", default="auv1", help="of the topics (default %(default)s)")
-    parser.add_argument("--channels", default="0,1", metavar="I,J", help="of hydrophone 0 (-x) and 1 (+x), from 0")
+    both = "of hydrophone 0 (-x) and 1 (+x): two numbers from 0, or two files of one channel each"
+    parser.add_argument("--channels", default="0,1", metavar="I,J", help=both)
 
 
 def run(options: Namespace) -> int:
-    """Writes a WAV file into a bag."""
-    from ...bag.wav import WavSetup, convert_wav
+    """Writes sound files into a bag."""
+    from ...bag.sound.convert import WavSetup, convert_mono, convert_wav
 
-    start_ns = round(options.start * 1e9) if math.isfinite(options.start) else 0
-    o, channels = options, _pair(options.channels)
-    setup = WavSetup(o.spacing, o.sound_speed, o.full_scale, start_ns, o.frame, o.namespace, channels)
-    counts = convert_wav(options.wav, options.output, setup)
-    STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {options.output}")
+    o = options
+    files = _mono_files(o.channels)
+    if bool(o.wav) == bool(files):
+        raise ValueError("convert-wav must have either sound files, or --channels with two files, not both")
+    full_scale = o.full_scale if o.calibration is None else 10 ** (o.calibration / 20) * 1e-6
+    channels = (0, 1) if files else _pair(o.channels)
+    setup = WavSetup(o.spacing, o.sound_speed, full_scale, _ns(o.start), o.frame, o.namespace, channels, o.time_format)
+    note = lambda sentence: STDERR.print(f"note: {sentence}", markup=False, soft_wrap=True)  # noqa: E731
+    counts = convert_mono(files, o.output, setup, note) if files else convert_wav(o.wav, o.output, setup, note)
+    STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {o.output}")
     return 0
+
+
+def _ns(start: float | None) -> int:
+    if start is None:
+        return 0
+    if not (math.isfinite(start) and 0 < start < _LAST_S):
+        raise ValueError(f"start must be after 1970-01-01 and before 2262, got {start!r} s")
+    return round(start * 1e9)
+
+
+_LAST_S = (1 << 63) / 1e9  # of a clock of ROS
+
+
+def _mono_files(text: str) -> tuple[Path, Path] | None:
+    parts = text.split(",")
+    if len(parts) != 2 or any(part.strip().isdecimal() for part in parts) or not all(map(_is_file, parts)):
+        return None
+    return Path(parts[0]), Path(parts[1])
+
+
+def _is_file(name: str) -> bool:
+    return Path(name).suffix != "" or Path(name).exists()
 
 
 def _pair(text: str) -> tuple[int, int]:

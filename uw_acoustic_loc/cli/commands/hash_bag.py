@@ -1,4 +1,4 @@
-"""`uwloc hash`: whether two runs agree."""
+"""`uwloc hash`: hashes by which two runs are compared."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations
@@ -7,23 +7,24 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import damage_code
+from ..bag_and_graph import add_msg_path, read_bag
+from ..console import STDERR, damage_code
 
-HELP = "a hash per topic of what a bag says, whatever wrote it"
+HELP = "a hash per topic of a bag's messages, whatever program wrote them"
 
 
 def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--json", action="store_true", help="print JSON instead of lines")
+    add_msg_path(parser)
 
 
 def run(options: Namespace) -> int:
-    """Prints a hash per topic and one in all."""
+    """Prints a hash per topic and one of all."""
     from ...bag.fingerprint import fingerprints, overall
-    from ...bag.reader import Bag
 
-    bag = Bag(options.bag)
+    bag = read_bag(options.bag, options)
     found = fingerprints(bag)
     if options.json:
         topics = {topic: {"n": one.count, "sha256": one.digest} for topic, one in found.items()}
@@ -32,4 +33,7 @@ def run(options: Namespace) -> int:
         for topic, one in found.items():
             print(f"{one.digest}  {one.count:7d}  {topic}")
         print(f"{overall(found)}  {sum(one.count for one in found.values()):7d}  all")
+    for topic, one in found.items():
+        if one.raw:
+            STDERR.print(f"note: {one.raw} messages on {topic} cannot be decoded: their bytes are hashed as they are")
     return damage_code(bag.damage)

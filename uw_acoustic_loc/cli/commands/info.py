@@ -7,6 +7,7 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from ..bag_and_graph import add_msg_path, read_bag
 from ..console import damage_code, wide
 
 HELP = "what is in a bag, what is wrong with it, which estimators can use it"
@@ -16,18 +17,18 @@ def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    add_msg_path(parser)
 
 
 def run(options: Namespace) -> int:
     """Prints a bag's content; exit code 1 when a part of it cannot be read."""
     from rich.text import Text
 
-    from ...bag.reader import Bag
     from ...bag.survey import survey
     from ...bag.usable import uses
     from ..bag_summary import as_json, parts
 
-    bag = Bag(options.bag)
+    bag = read_bag(options.bag, options)
     found = survey(bag)
     estimators = uses(found)
     if options.json:

@@ -19,15 +19,18 @@ def add(parser: ArgumentParser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Starts a graph and stays with it."""
+    """Starts a graph and watches it to its end."""
     return launch_graph(options.graph, options.record, options.duration)
 
 
-def launch_graph(graph: Path, record: Path | None, duration: float) -> int:
-    """Runs a graph file's nodes until the duration is over (0 = until stopped); the exit code."""
+def launch_graph(graph: Path, record: Path | None, duration: float, bag_is_vital: bool = False) -> int:
+    """Runs a graph file's nodes until the duration is over (0 = until stopped); returns the exit code.
+
+    When the recorder fails the run goes on, unless the bag is what it is made for.
+    """
     from ...graph import load_graph
-    from ...ros.launcher import Launcher, Run
+    from ...ros.orchestrator.launcher import Launcher, LaunchOptions
 
     with progress("launch", duration) as bar:
-        run = Run(record=record, duration=duration, progress=bar if duration else None)
-        return Launcher(load_graph(graph), run, NodeLog()).run()
+        options = LaunchOptions(record, bag_is_vital, duration, progress=bar if duration else None)
+        return Launcher(load_graph(graph), options, NodeLog()).run()

@@ -1,4 +1,4 @@
-"""`uwloc plan`: what the nets of a scenario can do, as maps."""
+"""`uwloc plan`: maps of the accuracy that a scenario's nets can reach."""
 # ruff: noqa: PLC0415
 
 from __future__ import annotations

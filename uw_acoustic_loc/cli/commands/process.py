@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
@@ -21,6 +22,7 @@ def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
     add_bag_and_graph(parser, many=True)
     parser.add_argument("--jobs", type=_positive, default=1, metavar="N", help="bags at a time (default %(default)s)")
+    parser.add_argument("--allow-unused", action="store_true", help="exit 0 though an estimator used no message")
     parser.add_argument("--keep-inputs", action="store_true", help="copy the bag's other topics into the output")
 
 
@@ -34,12 +36,16 @@ def run(options: Namespace) -> int:
 
 
 def _process_one(path: Path, options: Namespace) -> int:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # as in a node: other numbers of threads round differently
+        os.environ.setdefault(name, "1")
     from ...bag.process import OfflineRun
     from ...graph import load_graph
 
     bag = open_bag(path, options)
-    tell = _Refusals()
-    run = OfflineRun(bag, load_graph(options.graph), tell)
+    refusals = _Refusals()
+    run = OfflineRun(bag, load_graph(options.graph), refusals)
+    for node in run.left_out:
+        STDERR.print(f"note: {node.full_name} is left out: {node.executable} is no estimator that is installed here")
     for topic in run.missing:
         STDERR.print(f"note: the bag has no {topic}")
     begun = time.monotonic()
@@ -49,12 +55,15 @@ def _process_one(path: Path, options: Namespace) -> int:
     seconds = time.monotonic() - begun
     speed = (last - first) * 1e-9 / max(seconds, 1e-9)
     STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
-    tell.summary()
-    return damage_code(bag.damage)
+    refusals.summary()
+    idle = [f"{name} {why}" for name, runner in run.pipeline.runners.items() if (why := runner.idle_reason())]
+    for sentence in idle:
+        STDERR.print(sentence, markup=False)
+    return 1 if idle and not options.allow_unused else damage_code(bag.damage)
 
 
 class _Refusals:
-    """Says the first refusal of each kind, counts the rest."""
+    """Prints the first refusal of each kind and counts the rest."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], int] = {}
@@ -66,7 +75,7 @@ class _Refusals:
             STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}", markup=False)
 
     def summary(self) -> None:
-        """How many there were."""
+        """Prints how many there were."""
         for (node, topic), count in self._counts.items():
             if count > 1:
                 STDERR.print(f"{node}: {count} messages on {topic} were not used", markup=False)

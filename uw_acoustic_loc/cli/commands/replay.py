@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from ..bag_and_graph import add_bag_and_graph, open_bag
 from ..console import STDERR, NodeLog, damage_code, progress
 
-HELP = "play a bag to a graph's live nodes and record what they say"
+HELP = "play a bag to a graph's live nodes and record what they publish"
 
 
 def add(parser: ArgumentParser) -> None:
@@ -23,19 +23,19 @@ def run(options: Namespace) -> int:
 
     from ...bag.reader import Bag
     from ...graph import load_graph
-    from ...ros.launcher import Launcher, Run
-    from ...ros.replay import player_node, replay_books, without_drivers
+    from ...ros.orchestrator.launcher import Launcher, LaunchOptions
+    from ...ros.orchestrator.replay import player_node, replay_deliveries, without_drivers
 
     bag = open_bag(options.bag, options)
     graph = without_drivers(load_graph(options.graph))
     player = player_node(graph, bag, options.rate, options.remap)
     first, last = bag.span()
     with progress("replay", (last - first) * 1e-9) as bar:
-        run = Run(record=options.output, player=player, progress=bar)
-        launcher = Launcher(dataclasses.replace(graph, clock_rate=0.0), run, NodeLog())
+        launched = LaunchOptions(options.output, bag_is_vital=True, player=player, progress=bar)
+        launcher = Launcher(dataclasses.replace(graph, clock_rate=0.0), launched, NodeLog())
         code = launcher.run()
-    books = replay_books(launcher.books, bag, Bag(options.output)) if options.output.exists() else []
-    for entry in books:
-        STDERR.print(f"{'' if entry.balanced else 'LOST '}{entry.sentence}", markup=False, soft_wrap=True)
-    complete = bool(books) and all(entry.balanced for entry in books)
+    deliveries = replay_deliveries(launcher.reports, bag, Bag(options.output)) if options.output.exists() else []
+    for delivery in deliveries:
+        STDERR.print(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}", markup=False, soft_wrap=True)
+    complete = bool(deliveries) and all(delivery.complete for delivery in deliveries)
     return max(code, int(not complete), damage_code(bag.damage))

@@ -29,7 +29,7 @@ def run(options: Namespace) -> int:
 
 
 def print_score(scored: dict[str, object], as_json: bool) -> None:
-    """The score on stdout, as JSON or as tables."""
+    """Prints the score on stdout, as JSON or as tables."""
     from rich.console import Console
 
     from ...evaluation.score import table

@@ -5,16 +5,23 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry import wrap_angle
 from ..types import Array
-from .bearing_noise import believed
-from .log_polar import bearing_moments, cartesian, corrected, seen_from
-from .triangulation import Drift, Fix, Ray
+from .bearing_noise import believed, log_any_direction
+from .log_polar import LogPolar, Mixture, bearing_moments, cartesian, corrected, seen_from, times_too_near
+from .triangulation import Drift, PlanarFix, Ray
 
-Member = tuple[complex, float, complex, float]  # line, g, q of one EKF (`log_polar`); log weight
+
+class Member(NamedTuple):
+    """One EKF of the bank, and the point that its source is seen from."""
+
+    state: LogPolar
+    log_weight: float
+    origin: complex
 
 
 class BearingEkf:
@@ -24,8 +31,9 @@ class BearingEkf:
     bearing is linear in them, a drift of the heading adds to the bearing alone, and what is known of the range is not
     mistaken for what is known of the bearing, as x and y do after many noisy steps. `process_noise` (m per sqrt(s)) is
     how fast the position may wander in the frame. Each member believes as much of a bearing as fits its own prediction
-    (`believed`): an impulse that fits the bank as a whole may be far from the member at the right range. The members
-    are few, so plain numbers are faster than arrays.
+    (`believed`): an impulse that fits the bank as a whole may be far from the member at the right range. A member that
+    the vehicle comes too near to (`times_too_near`) is seen from farther away and waits: to it, a bearing may come from
+    anywhere. The members are few, so plain numbers are faster than arrays.
     """
 
     def __init__(
@@ -34,8 +42,11 @@ class BearingEkf:
         """Members `means` (K, 2) and `covs` (K, 2, 2) of log range and bearing, seen from `origin`; of equal weight."""
         if means.ndim != 2 or means.shape[1] != 2 or covs.shape != (len(means), 2, 2):
             raise ValueError(f"means must be (K, 2) and covs (K, 2, 2), got {means.shape} and {covs.shape}")
-        self._origin = complex(*origin)
-        self._members = [_member(mean, cov, -math.log(len(means))) for mean, cov in zip(means, covs, strict=True)]
+        self._origin, log_weight = complex(*origin), -math.log(len(means))
+        self._members = [
+            Member(_state(mean, cov), log_weight, self._origin) for mean, cov in zip(means, covs, strict=True)
+        ]
+        self.waiting = 0  # updates in a row that no member could use
         self._process_noise, self._noise = process_noise, noise
 
     def predict(self, duration: float, drift: Drift) -> None:
@@ -43,33 +54,32 @@ class BearingEkf:
         if drift.variance:
             self._move(complex(drift.x, drift.y))
         wander, turn = 2 * self._process_noise**2 * duration, drift.variance
-        self._members = [
-            (p, g + wander / (p.real * p.real + p.imag * p.imag) + turn, q - turn, w) for p, g, q, w in self._members
-        ]
+        self._members = [_far_enough(m._replace(state=_spread(m.state, wander, turn))) for m in self._members]
 
     def update(self, ray: Ray) -> None:
         """Corrects every member and its weight; a correlated bearing counts with its share."""
         self._move(complex(ray.x, ray.y))
         toward, variance = cmath.rect(1.0, ray.bearing), ray.std**2 / ray.weight
-        members = []
-        for line, g, q, log_weight in self._members:
-            error, spread = cmath.phase(toward * line.conjugate()), (g - q.real) / 2
-            S, counted = spread + ray.std**2, spread + variance
-            trust, log_likelihood = believed(self._noise, error, S, counted, math.exp, math.log)
-            after = corrected(line, g, q, toward, variance / trust, cmath.exp, cmath.phase)
-            members.append((*after[:3], log_weight + log_likelihood))
+        anywhere, members = log_any_direction(self._noise), []
+        self.waiting = self.waiting + 1 if all(m.origin != self._origin for m in self._members) else 0
+        for state, log_weight, origin in self._members:
+            if origin != self._origin:
+                members.append(Member(state, log_weight + anywhere, origin))
+                continue
+            error, spread = cmath.phase(toward * state.line.conjugate()), (state.g - state.q.real) / 2
+            trust, log_likelihood = believed(self._noise, error, spread + ray.std**2, spread + variance)
+            after = corrected(state, toward, variance / trust).state
+            members.append(Member(after, log_weight + log_likelihood, origin))
         self._members = _normalised(members)
 
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance."""
-        line, g, q, weight = _columns(self._seen_from(complex(x, y)))
-        mean, variance = bearing_moments(weight, line, [(a - b.real) / 2 for a, b in zip(g, q, strict=True)])
+        mean, variance = bearing_moments(_mixture(self._seen_from(complex(x, y))))
         return wrap_angle(mean), variance
 
-    def estimate(self) -> Fix:
+    def estimate(self) -> PlanarFix:
         """Mean and covariance of the mixture in x and y."""
-        line, g, q, weight = _columns(self._members)
-        return cartesian(weight, line, g, q, self._origin)
+        return cartesian(_mixture(self._members), [m.origin - self._origin for m in self._members], self._origin)
 
     @property
     def members(self) -> int:
@@ -77,11 +87,13 @@ class BearingEkf:
         return len(self._members)
 
     def _move(self, point: complex) -> None:
-        self._members, self._origin = self._seen_from(point), point
+        self._members, self._origin = [_far_enough(m) for m in self._seen_from(point)], point
 
     def _seen_from(self, point: complex) -> list[Member]:
-        shift = self._origin - point
-        return [(*seen_from(p, g, q, clear(p, shift)), w) for p, g, q, w in self._members]
+        return [
+            Member(seen_from(state, clear(state.line, origin - point)), weight, point)
+            for state, weight, origin in self._members
+        ]
 
 
 def range_bank(
@@ -119,27 +131,40 @@ def clear(line: complex, shift: complex) -> complex:
     return shift if abs(line + shift) > NEAREST else NEAREST - line
 
 
-def _member(mean: Array, cov: Array, log_weight: float) -> Member:
+def _state(mean: Array, cov: Array) -> LogPolar:
     ranges, bearings, mixed = float(cov[0, 0]), float(cov[1, 1]), float(cov[0, 1])
     line = cmath.exp(complex(mean[0], mean[1]))
-    return line, ranges + bearings, complex(ranges - bearings, 2 * mixed), log_weight
+    return LogPolar(line, ranges + bearings, complex(ranges - bearings, 2 * mixed))
+
+
+def _far_enough(member: Member) -> Member:
+    """The member, seen from farther away along its line if that is needed."""
+    state, log_weight, origin = member
+    times = times_too_near(state.g, state.q)
+    if times <= 1:
+        return member
+    back = (times - 1) * state.line
+    return Member(seen_from(state, back), log_weight, origin - back)
+
+
+def _spread(state: LogPolar, wander: float, turn: float) -> LogPolar:
+    line, g, q = state
+    return LogPolar(line, g + wander / (line.real * line.real + line.imag * line.imag) + turn, q - turn)
 
 
 def _normalised(members: list[Member]) -> list[Member]:
     """Weights that sum to one; the least likely members are dropped."""
     if len(members) == 1:
-        return [(*members[0][:3], 0.0)]
-    best = max(member[3] for member in members)
-    kept = [member for member in members if member[3] > best + PRUNED]
-    total = best + math.log(sum(math.exp(member[3] - best) for member in kept))
-    return [(p, g, q, w - total) for p, g, q, w in kept]
+        return [members[0]._replace(log_weight=0.0)]
+    best = max(member.log_weight for member in members)
+    kept = [member for member in members if member.log_weight > best + PRUNED]
+    total = best + math.log(sum(math.exp(member.log_weight - best) for member in kept))
+    return [member._replace(log_weight=member.log_weight - total) for member in kept]
 
 
-def _columns(
-    members: Iterable[Member],
-) -> tuple[tuple[complex, ...], tuple[float, ...], tuple[complex, ...], list[float]]:
-    line, g, q, log_weight = zip(*members, strict=True)
-    return line, g, q, [math.exp(w) for w in log_weight]
+def _mixture(members: Iterable[Member]) -> Mixture:
+    states, log_weights, _ = zip(*members, strict=True)
+    return Mixture([math.exp(w) for w in log_weights], *zip(*states, strict=True))
 
 
 _RATIO = 1.6  # of neighbouring ranges

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,25 +33,38 @@ def log_likelihood(noise: str, error: Array, std: Array | float, softness: float
     raise ValueError(f"noise must be one of {', '.join(NOISES)}, got {noise!r}")
 
 
-def believed(
-    noise: str, error: Any, S: Any, counted: Any, exp: Callable[[Any], Any], log: Callable[[Any], Any]
-) -> tuple[Any, Any]:
-    """How much an EKF believes a bearing: a weight that divides its variance, and the log-likelihood to a constant.
+class Belief(NamedTuple):
+    """How much an EKF believes a bearing: `trust` divides its variance; the log-likelihood is to a constant."""
+
+    trust: Any
+    log_likelihood: Any
+
+
+def believed(noise: str, error: Any, S: Any, counted: Any) -> Belief:
+    """What an innovation is worth; numbers, or arrays of them.
 
     `S` is the innovation's variance, `counted` that with a correlated bearing's share. student_t: the error's expected
     precision (Lange, Little, Taylor 1989), not above 1; mixture: the probability that the bearing is not a direction at
-    random; else it is normal and believed. Numbers with `exp` and `log` of math, or arrays with numpy's.
+    random; else it is normal and believed.
     """
     nis, counted_nis = error * error / S, error * error / counted
+    exp, log = (math.exp, math.log) if isinstance(error, float) else (np.exp, np.log)
     if noise == "student_t":
         at_least_1 = (1 + nis + abs(nis - 1)) / 2
         log_density = -0.5 * ((_FREEDOM + 1) * log(1 + counted_nis / _FREEDOM) + log(counted))
-        return (_FREEDOM + 1) / (_FREEDOM + at_least_1), log_density
+        return Belief((_FREEDOM + 1) / (_FREEDOM + at_least_1), log_density)
     if noise == "mixture":
         normal, at_random = (1 - _OUTLIERS) / math.sqrt(2 * math.pi), _OUTLIERS / (2 * math.pi)
         here = normal * exp(-0.5 * nis) / S**0.5
-        return here / (here + at_random) + _LEAST, log(normal * exp(-0.5 * counted_nis) / counted**0.5 + at_random)
-    return 1.0, -0.5 * (counted_nis + log(counted))
+        log_density = log(normal * exp(-0.5 * counted_nis) / counted**0.5 + at_random)
+        return Belief(here / (here + at_random) + _LEAST, log_density)
+    return Belief(1.0, -0.5 * (counted_nis + log(counted)))
+
+
+def log_any_direction(noise: str) -> float:
+    """Log-likelihood of a bearing that may come from anywhere, to the constant of `believed`."""
+    constant = {"mixture": 0.0, "student_t": math.log(3 / 8)}.get(noise, -0.5 * math.log(2 * math.pi))
+    return -math.log(2 * math.pi) - constant
 
 
 def draw_errors(noise: str, std: float, n: int, rng: np.random.Generator) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry import wrap_angle, wrap_angles
 from ..types import Array
 from .bearing_noise import draw_errors, log_likelihood
-from .triangulation import Drift, Fix, Ray
+from .triangulation import Drift, PlanarFix, Ray
 
 
 class BearingParticles:
@@ -79,7 +79,7 @@ class BearingParticles:
         mean = float(weight @ spread)
         return wrap_angle(centre + mean), float(weight @ (spread - mean) ** 2)
 
-    def estimate(self) -> Fix:
+    def estimate(self) -> PlanarFix:
         """The point of least relative error, seen from the first point, and the mean square about it."""
         return least_relative_error(self._xy, np.exp(self._log_weight), self._origin, self._limits[0])
 
@@ -150,7 +150,7 @@ class BearingParticles:
         return np.asarray(self._origin + np.exp(polar[1]) * np.stack([np.cos(angle), np.sin(angle)]))
 
 
-def least_relative_error(points: Array, weight: Array, origin: Array, range_min: float = 0.0) -> Fix:
+def least_relative_error(points: Array, weight: Array, origin: Array, range_min: float = 0.0) -> PlanarFix:
     """The p that minimises E |s - p|^2 / |s - origin|^2, and E (s - p)(s - p)^T; points (2, n), origin (2, 1).
 
     While the range is open the mean would lie where the prior has its area, at its far end. Once it is known the two
@@ -159,7 +159,7 @@ def least_relative_error(points: Array, weight: Array, origin: Array, range_min:
     share = weight / np.square(points - origin).sum(axis=0).clip(min=range_min**2)
     best = points @ share / share.sum()
     off = points - best[:, None]
-    return Fix(best, (off * weight) @ off.T)
+    return PlanarFix(best, (off * weight) @ off.T)
 
 
 def _root(cov: Array) -> Array:

@@ -29,14 +29,14 @@ class Drift(NamedTuple):
     variance: float = 0.0  # rad^2
 
 
-class Fix(NamedTuple):
+class PlanarFix(NamedTuple):
     """A position (2,) with its covariance (2, 2)."""
 
     mean: Array
     cov: Array
 
 
-def intersect(origins: Array, bearings: Array, variances: Array) -> Fix | None:
+def intersect(origins: Array, bearings: Array, variances: Array) -> PlanarFix | None:
     """Where lines from `origins` (n, 2) meet (`nearest`); None when they are parallel within their noise.
 
     Parallel means: the range is uncertain by more than half of itself, or the lines meet behind the observer. Whether
@@ -46,7 +46,7 @@ def intersect(origins: Array, bearings: Array, variances: Array) -> Fix | None:
     return fix if fix is not None and meet(fix, origins, bearings) else None
 
 
-def nearest(origins: Array, bearings: Array, variances: Array) -> Fix | None:
+def nearest(origins: Array, bearings: Array, variances: Array) -> PlanarFix | None:
     """The maximum-likelihood point of bearing lines, however uncertain; None only when it is not determined at all.
 
     Least squares of the distances across the lines is Shin et al. eq. 1-2 for two lines and is drawn towards the
@@ -65,10 +65,10 @@ def nearest(origins: Array, bearings: Array, variances: Array) -> Fix | None:
     if columns[0] is None or columns[1] is None:
         return None
     cov = np.stack([columns[0], columns[1]], axis=1)
-    return Fix(point, (cov + cov.T) / 2)
+    return PlanarFix(point, (cov + cov.T) / 2)
 
 
-def meet(fix: Fix, origins: Array, bearings: Array) -> bool:
+def meet(fix: PlanarFix, origins: Array, bearings: Array) -> bool:
     """Whether lines meet at a fix: before the observer, and sharply enough."""
     offset = fix.mean - origins
     toward = offset[:, 0] * np.cos(bearings) + offset[:, 1] * np.sin(bearings)
@@ -98,7 +98,7 @@ class Triangulation:
         self._lines = np.empty((capacity, 4))  # x, y, bearing, variance
         self._count = 0
         self._rays = self._last = 1  # in each line, in the last one
-        self._fix: Fix | None = None
+        self._fix: PlanarFix | None = None
         self.update(ray)
 
     def predict(self, duration: float, drift: Drift) -> None:
@@ -135,7 +135,7 @@ class Triangulation:
         across = np.array([-dy, dx]) / range_squared
         return math.atan2(dy, dx), float(across @ self._fix.cov @ across)
 
-    def estimate(self) -> Fix | None:
+    def estimate(self) -> PlanarFix | None:
         """The fix; None while the lines are parallel within their noise, or do not all meet."""
         return self._fix
 

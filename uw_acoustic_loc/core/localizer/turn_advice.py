@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry import wrap_angle
 from .localizer import TELLING_TURN, SourceLocalizer
-from .triangulation import Fix
+from .triangulation import PlanarFix
 
 
 def advice(source: SourceLocalizer, x: float, y: float, yaw: float) -> str:
@@ -49,7 +49,7 @@ def best_turn(bearings: Sequence[float], *, range_open: bool, array_yaw: float) 
     return max(candidates, key=lambda turn: round(score(turn), 6))
 
 
-def _range_share(fix: Fix, x: float, y: float) -> float:
+def _range_share(fix: PlanarFix, x: float, y: float) -> float:
     """Standard deviation of the range over the range."""
     line = fix.mean - np.array([x, y])
     squared = float(line @ line) + 1e-12

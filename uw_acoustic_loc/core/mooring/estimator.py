@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ..types import Array
-from .model import MooringConfig, MooringEstimate, Step, discretise, step_of
+from .model import MooringConfig, MooringEstimate, MooringStep, discretise, step_of
 from .particles import ParticleMooring
 
 __all__ = [
@@ -43,7 +43,7 @@ class KalmanMooring:
     def _gate(self) -> float:
         return self._config.gate_sigma if self._config.filter == "kalman_gated" else math.inf
 
-    def predict(self, step: Step) -> None:
+    def predict(self, step: MooringStep) -> None:
         """Moves on by a time step (eq. 5)."""
         self._mean = step.F @ self._mean + step.drive[:, None]
         moved = np.einsum("ij,jkr,lk->ilr", step.F, self._cov, step.F) + step.Q[:, :, None]

@@ -59,7 +59,7 @@ class MooringConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class MooringStep:
     """The discrete system over one time step: [x v] -> F [x v] + drive + noise of covariance Q."""
 
     F: Array  # (2, 2)
@@ -94,15 +94,15 @@ def expm(A: Array) -> Array:
 
 
 @lru_cache(maxsize=256)
-def step_of(config: MooringConfig, dt: float) -> Step:
+def step_of(config: MooringConfig, dt: float) -> MooringStep:
     """The system over dt s; a gap of several periods is as many steps, so that missed measurements change nothing."""
     count = max(1, round(dt / config.process_period))
     F, drive = discretise(config.mass, config.damping, config.stiffness, config.force, dt / count)
     Q = np.diag([config.process_std**2 * dt / count / config.process_period, 0.0])
-    return _repeated(Step(F, drive, Q), count)
+    return _repeated(MooringStep(F, drive, Q), count)
 
 
-def _repeated(step: Step, count: int) -> Step:
+def _repeated(step: MooringStep, count: int) -> MooringStep:
     if count == 1:
         return step
     half = _repeated(step, count // 2)
@@ -110,8 +110,8 @@ def _repeated(step: Step, count: int) -> Step:
     return _then(whole, step) if count % 2 else whole
 
 
-def _then(a: Step, b: Step) -> Step:
-    return Step(b.F @ a.F, b.F @ a.drive + b.drive, b.F @ a.Q @ b.F.T + b.Q)
+def _then(a: MooringStep, b: MooringStep) -> MooringStep:
+    return MooringStep(b.F @ a.F, b.F @ a.drive + b.drive, b.F @ a.Q @ b.F.T + b.Q)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..impulsive import LikelihoodTable, likelihood_table
 from ..types import AnyArray, Array
-from .model import MooringConfig, MooringEstimate, Step
+from .model import MooringConfig, MooringEstimate, MooringStep
 from .noise_learning import LearntNoise
 
 _WIDER = 1.3  # the first cloud than its distribution
@@ -47,7 +47,7 @@ class ParticleMooring:
         if config.noise == "given":
             self.noise = likelihood_table(config.expected_noise)
 
-    def predict(self, step: Step) -> None:
+    def predict(self, step: MooringStep) -> None:
         """Moves the cloud on by a time step (eq. 5)."""
         spread, self._velocity_var = _spread(step, self._velocity_var)
         self._rng.standard_normal(out=self._cloud[2])
@@ -112,7 +112,7 @@ def _normal_points(n: int) -> Array:
     return np.array([[NormalDist().inv_cdf(turn) for turn in row] for row in turns.tolist()])
 
 
-def _spread(step: Step, velocity_var: float) -> tuple[Array, float]:
+def _spread(step: MooringStep, velocity_var: float) -> tuple[Array, float]:
     """(2,) offset and mean velocity per normal draw, and the velocity's variance once the new offset is known."""
     F, Q = step.F, step.Q
     offset = F[0, 1] ** 2 * velocity_var + Q[0, 0]

@@ -21,7 +21,7 @@ class Grouping:
     """
 
     def __init__(self, single: Likelihood, receiver: AnyArray, gate: float) -> None:
-        """`single` has a row per detection and one column; `receiver` (D,) tells which rows exclude each other."""
+        """`single` has a row per detection and one column; rows of one `receiver` (D,) exclude each other."""
         self._single, self._receiver = single, receiver
         self._limit = chi_square_limit(gate, 2)
         self._positions, self._information = _own_fixes(single)
@@ -127,13 +127,13 @@ def residuals_at(single: Likelihood, position: Array) -> tuple[Array, Array]:
     A bearing's lever is range_std at least, see `Likelihood.cov`.
     """
     legs = single.legs(*position[:, None])
-    turn = single.turn(*legs[:2])[:, 0]
-    dx, dy, distance, ex, ey, total = (np.squeeze(leg, -1) for leg in legs)
-    ux, uy = dx / distance, dy / distance
-    by_range = np.stack([ux + ex, uy + ey], axis=1)
+    distance = legs.distance[:, 0]
+    ux, uy = legs.dx[:, 0] / distance, legs.dy[:, 0] / distance
+    by_range = np.stack([ux + legs.ex, uy + legs.ey], axis=1)
     lever = np.maximum(distance, single.range_weight[:, 0] ** -0.5)
     by_bearing = np.stack([-uy, ux], axis=1) / lever[:, None]
-    return np.stack([single.ranges[:, 0] - total, turn], axis=1), np.stack([by_range, by_bearing], axis=1)
+    residuals = np.hstack([single.ranges - legs.total, single.turn(legs.dx, legs.dy)])
+    return residuals, np.stack([by_range, by_bearing], axis=1)
 
 
 def _own_fixes(single: Likelihood) -> tuple[Array, Array]:

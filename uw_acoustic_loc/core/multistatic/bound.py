@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from ..types import Array
-from .estimator import Net, Noise, gaussian_likelihood
+from .estimator import Noise, SonarNet, gaussian_likelihood
 from .model import inverse_2x2
 
 
-def cramer_rao(net: Net, targets: Array, noise: Noise, *, bearings: bool = True) -> Array:
+def cramer_rao(net: SonarNet, targets: Array, noise: Noise, *, bearings: bool = True) -> Array:
     """(..., 2, 2) least covariance in m^2 of an unbiased fix at targets (..., 2) under Gaussian noise of the same std.
 
     Infinite where the net does not determine the position. The Rayleigh density has a hard edge and no bound of this
@@ -33,7 +33,7 @@ def position_error(cov: Array) -> Array:
     return rmse
 
 
-def dilution(net: Net, targets: Array) -> Array:
+def dilution(net: SonarNet, targets: Array) -> Array:
     """(...) geometric dilution of precision: metres of position error per metre of range-sum error, ranges alone."""
     unit = np.ones(len(net.receivers))
     return position_error(cramer_rao(net, targets, Noise(unit, unit, rayleigh=False), bearings=False))

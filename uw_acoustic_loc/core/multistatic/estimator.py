@@ -10,7 +10,7 @@ whose standard deviation is range_std. Its scale is range_std / sqrt(2 - pi/2); 
 Methods: `ls`, pseudo-inverse of the linearised circles (eq. 1-4); `ml_range`, Taylor iteration on range sums (eq. 5-16;
 bearings only choose where it starts); `ml_range_bearing`, both stacked (eq. 23-25); `ml_exact`, the Rayleigh and
 Gaussian likelihood itself: its mean and covariance, because the mode of a skewed likelihood is biased. Equation numbers
-are those of the comparison of LS, ML_dist and ML_proposed in docs/multistatic.md.
+are those of the comparison of LS, ML_dist and ML_proposed in docs/multistatic_fusion.md.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ METHODS = ("ls", "ml_range", "ml_range_bearing", "ml_exact")
 
 
 @dataclass(frozen=True, eq=False)
-class Net:
+class SonarNet:
     """Where a multistatic sonar listens.
 
     Raises:
@@ -102,7 +102,7 @@ class Fixes:
     misfit: Array  # (...) sum of squared normalised Gaussian residuals, of expectation 2N - 2 (ml_range: N - 2)
 
 
-def locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str = "ml_range_bearing") -> Fixes:
+def locate(net: SonarNet, ranges: Array, bearings: Array, noise: Noise, method: str = "ml_range_bearing") -> Fixes:
     """Fixes from range sums and bearings (N, ...): trailing axes are targets, trials or both.
 
     Raises:
@@ -129,7 +129,7 @@ def locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str =
     return Fixes(positions, cov, out[5].reshape(shape) > 0, out[6].reshape(shape))
 
 
-def check_method(net: Net, method: str) -> None:
+def check_method(net: SonarNet, method: str) -> None:
     """Raises ValueError when there is no such method, or it has no unique answer for this net."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
@@ -141,13 +141,13 @@ def check_method(net: Net, method: str) -> None:
             raise ValueError("ls needs 2 receivers that are not in line with the transmitter")
 
 
-def gaussian_likelihood(net: Net, ranges: Array, bearings: Array, noise: Noise) -> Likelihood:
+def gaussian_likelihood(net: SonarNet, ranges: Array, bearings: Array, noise: Noise) -> Likelihood:
     """Of range sums (N, M) whose bias is removed, and bearings (N, M)."""
     weights = noise.range_std[:, None] ** -2.0, noise.bearing_std[:, None] ** -2.0
     return Likelihood(net.transmitter, net.receivers, ranges, bearings, *weights)
 
 
-def _locate(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str, search: Search) -> Array:
+def _locate(net: SonarNet, ranges: Array, bearings: Array, noise: Noise, method: str, search: Search) -> Array:
     """(7, M): x, y, cov xx xy yy, converged, misfit."""
     gaussian = gaussian_likelihood(net, ranges - noise.bias[:, None], bearings, noise)
     if method == "ls":

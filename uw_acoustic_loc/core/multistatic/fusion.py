@@ -10,7 +10,7 @@ import numpy as np
 from ...config import param
 from ..types import AnyArray, Array
 from .association import Claims, Grouping
-from .estimator import METHODS, Net, Noise, check_method, locate
+from .estimator import METHODS, Noise, SonarNet, check_method, locate
 from .model import Likelihood
 from .track import Sighting, Track, TrackRules, chi_square_limit
 
@@ -72,7 +72,7 @@ class MultistaticConfig:
 class Echoes:
     """Detections of one ping, a row each, all usable."""
 
-    receiver: AnyArray  # (D,) row of Net.receivers
+    receiver: AnyArray  # (D,) row of SonarNet.receivers
     range: Array  # (D,) m, as measured
     range_std: Array  # m
     bearing: Array  # rad
@@ -88,7 +88,7 @@ class Echoes:
 
 
 @dataclass(frozen=True, eq=False)
-class Fix:
+class TargetFix:
     """One target of one ping."""
 
     position: Array  # (2,) m
@@ -107,12 +107,12 @@ class Fusion:
         ValueError: the net does not suit the method.
     """
 
-    def __init__(self, net: Net, config: MultistaticConfig) -> None:
+    def __init__(self, net: SonarNet, config: MultistaticConfig) -> None:
         check_method(net, config.method)
         self.net, self.config = net, config
         self.needed = min(config.min_receivers, len(net.receivers))
 
-    def fixes(self, echoes: Echoes) -> Iterator[Fix]:
+    def fixes(self, echoes: Echoes) -> Iterator[TargetFix]:
         """All fixes of a ping, the strongest first."""
         if len(echoes.receiver) < self.needed:
             return
@@ -127,10 +127,10 @@ class Fusion:
                 free -= set(best)
                 yield fix
 
-    def _fit(self, echoes: Echoes, rows: tuple[int, ...]) -> Fix | None:
+    def _fit(self, echoes: Echoes, rows: tuple[int, ...]) -> TargetFix | None:
         """One point through a group; None when the detections do not agree or the method finds no point."""
         own = echoes.take(rows)
-        net = Net(self.net.transmitter, self.net.receivers[own.receiver])
+        net = SonarNet(self.net.transmitter, self.net.receivers[own.receiver])
         noise = self._noise(own)
         joint = locate(net, own.range, own.bearing, noise, "ml_range_bearing")
         if not joint.misfit <= chi_square_limit(self.config.gate, max(2 * len(rows) - 2, 1)):
@@ -139,7 +139,7 @@ class Fusion:
             found = locate(net, own.range, own.bearing, noise, self.config.method)
         except ValueError:  # these receivers alone are too few for the method, or in line
             return None
-        return Fix(found.positions, found.cov, rows) if found.converged else None
+        return TargetFix(found.positions, found.cov, rows) if found.converged else None
 
     def single(self, echoes: Echoes) -> Likelihood:
         """Every detection as a receiver of its own, the ranges' bias removed; (D, 1)."""
@@ -152,7 +152,7 @@ class Fusion:
         return Noise(echoes.range_std, echoes.bearing_std, self.config.range_noise == "rayleigh")
 
 
-class Ping:
+class PingScan:
     """The scan of one ping: a confirmed track lives on any detection, a new one needs `min_receivers` at once."""
 
     def __init__(self, fusion: Fusion, echoes: Echoes) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,6 +59,17 @@ class Moments:
         return [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
 
 
+class Legs(NamedTuple):
+    """What a position (M,) has to do with each receiver (N, M) and with the transmitter (M,)."""
+
+    dx: Array  # (N, M) m, from the receiver
+    dy: Array
+    distance: Array  # (N, M) m
+    ex: Array  # (M,) unit vector from the transmitter
+    ey: Array
+    total: Array  # (N, M) m, the range sum
+
+
 def _gaussian() -> Array:
     return np.empty((0, 1))
 
@@ -80,9 +92,9 @@ class Likelihood:
 
     def cost(self, x: Array, y: Array) -> Array:
         """(M,) negative log-likelihood up to a constant."""
-        dx, dy, _, _, _, total = self.legs(x, y)
-        range_cost, _, _ = self._range_terms(self.ranges - total)
-        turn = self.turn(dx, dy)
+        legs = self.legs(x, y)
+        range_cost, _, _ = self._range_terms(self.ranges - legs.total)
+        turn = self.turn(legs.dx, legs.dy)
         cost: Array = (range_cost + 0.5 * self.bearing_weight * turn * turn).sum(axis=0)
         return cost
 
@@ -93,17 +105,17 @@ class Likelihood:
         bearing's the unit vector across over the distance (eq. 20). Ranges and bearings are stacked (eq. 24), rows and
         residuals z divided by their standard deviations.
         """
-        dx, dy, distance, ex, ey, total = self.legs(x, y)
-        inverse = 1.0 / distance
-        ux, uy = dx * inverse, dy * inverse
+        legs = self.legs(x, y)
+        inverse = 1.0 / legs.distance
+        ux, uy = legs.dx * inverse, legs.dy * inverse
         Gx, Gy, z = (np.empty((2, *self.ranges.shape)) for _ in range(3))
-        cost, z[0], root = self._range_terms(self.ranges - total)
-        Gx[0], Gy[0] = root * (ux + ex), root * (uy + ey)
+        cost, z[0], root = self._range_terms(self.ranges - legs.total)
+        Gx[0], Gy[0] = root * (ux + legs.ex), root * (uy + legs.ey)
         root = np.sqrt(self.bearing_weight)
-        z[1], lever = root * self.turn(dx, dy), root * inverse
+        z[1], lever = root * self.turn(legs.dx, legs.dy), root * inverse
         Gx[1], Gy[1] = -lever * uy, lever * ux
         cost = cost.sum(axis=0) + 0.5 * _dot(z[1:], z[1:])
-        nearest = (distance * np.sqrt(self.range_weight)).min(axis=0)
+        nearest = (legs.distance * np.sqrt(self.range_weight)).min(axis=0)
         return Moments(x, y, cost, _dot(Gx, z), _dot(Gy, z), _dot(Gx, Gx), _dot(Gx, Gy), _dot(Gy, Gy), nearest)
 
     def information(self, x: Array, y: Array, least: Array) -> tuple[Array, Array, Array]:
@@ -111,11 +123,11 @@ class Likelihood:
 
         A distance below `least` (N, 1) counts as that.
         """
-        dx, dy, distance, ex, ey, total = self.legs(x, y)
-        _, _, root = self._range_terms(self.ranges - total)
-        ux, uy = dx / distance, dy / distance
-        gx, gy = root * (ux + ex), root * (uy + ey)
-        across = self.bearing_weight / np.maximum(distance, least) ** 2
+        legs = self.legs(x, y)
+        _, _, root = self._range_terms(self.ranges - legs.total)
+        ux, uy = legs.dx / legs.distance, legs.dy / legs.distance
+        gx, gy = root * (ux + legs.ex), root * (uy + legs.ey)
+        across = self.bearing_weight / np.maximum(legs.distance, least) ** 2
         turned = across * uy
         return gx * gx + turned * uy, gx * gy - turned * ux, gy * gy + across * ux * ux
 
@@ -153,13 +165,13 @@ class Likelihood:
             self.transmitter, self.receivers[chosen], self.ranges[chosen], self.bearings[chosen], *weights
         )
 
-    def legs(self, x: Array, y: Array) -> tuple[Array, ...]:
-        """From receivers: dx, dy, distance; from the transmitter: unit vector; and the range sum."""
+    def legs(self, x: Array, y: Array) -> Legs:
+        """Of positions (M,)."""
         dx, dy = x - self.receivers[:, :1], y - self.receivers[:, 1:]
         ex, ey = x - self.transmitter[0], y - self.transmitter[1]
         distance = np.sqrt(dx * dx + dy * dy) + _TINY
         outward = np.sqrt(ex * ex + ey * ey) + _TINY
-        return dx, dy, distance, ex / outward, ey / outward, distance + outward
+        return Legs(dx, dy, distance, ex / outward, ey / outward, distance + outward)
 
     def turn(self, dx: Array, dy: Array) -> Array:
         """(N, M) measured bearing minus that of (dx, dy), in [-pi, pi]."""

@@ -91,7 +91,7 @@ class Track:
         return float(innovation @ np.linalg.solve(cov + sighting.cov, innovation))
 
     def update(self, sighting: Sighting) -> Track:
-        """Kalman update of each mode in Joseph's form; modes that foretold the sighting gain."""
+        """Kalman update of each mode in Joseph's form; modes that predicted the sighting gain."""
         H = _look_ahead(sighting.delay)
         innovations = sighting.position - self.means @ H.T
         S = H @ self.covs @ H.T + sighting.cov

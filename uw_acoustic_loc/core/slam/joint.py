@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry import wrap_angle
-from ..localizer.triangulation import Fix
+from ..localizer.triangulation import PlanarFix
 from ..types import Array
 from .inertial import SIZE, YAW
 
@@ -74,7 +74,7 @@ class Joint:
         self._dger(-1.0, scaled, scaled, a=self.cov.T, overwrite_a=1)  # BLAS wants columns contiguous: the transpose
         self._daxpy(scaled, self.mean, a=scale * error)  # in place, too
 
-    def add(self, fix: Fix, J: Array) -> Slot:
+    def add(self, fix: PlanarFix, J: Array) -> Slot:
         """A new pinger whose error is J (2, 15) times the vehicle's, plus one of its own with the fix's covariance."""
         n = self.mean.size
         rows = J @ self.cov[:SIZE]
@@ -114,9 +114,9 @@ class Joint:
         explained = on_x * (get(at) - get(0)) + on_y * (get(at + 1) - get(1)) + turn * get(YAW)
         return Prediction(wrap_angle(math.atan2(dy, dx) + deviation - yaw), explained + rest, cross)
 
-    def position(self, slot: Slot) -> Fix:
+    def position(self, slot: Slot) -> PlanarFix:
         """A pinger's position with its covariance."""
-        return Fix(self.mean[slot.part].copy(), self.cov[slot.part, slot.part].copy())
+        return PlanarFix(self.mean[slot.part].copy(), self.cov[slot.part, slot.part].copy())
 
 
 def regression(x: float, y: float, sxx: float, sxy: float, syy: float) -> tuple[float, tuple[float, float], float]:

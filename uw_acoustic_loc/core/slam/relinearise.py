@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from ..localizer.triangulation import Fix
-from ..types import Array
-from .filter import Slam, SlamConfig
+from ..localizer.triangulation import PlanarFix
+from ..types import Bearing
+from .config import SlamConfig
+from .filter import Measurement, Slam, SourceBearing
 from .inertial import SIZE, YAW_BIAS
-from .pinger import Estimate
-
-Event = tuple[Callable[..., None], tuple[Any, ...]]  # method of Slam, and its arguments
+from .landmark import Estimate
 
 
 class SlamPasses:
@@ -29,8 +26,8 @@ class SlamPasses:
         self.slam = Slam(config)
         self.linearised_at = 0.0  # rad/s
         self._again: Pass | None = None
-        self._past: list[Event] | None = []  # None when forgotten
-        self._next = 0  # event that the pass under way takes next
+        self._past: list[Measurement] | None = []  # None when forgotten
+        self._next = 0  # measurement that the pass under way takes next
         self._begin_ns = 0
         self._unknown = 0.0  # s for which the bias could still be that of the first pass
 
@@ -39,35 +36,31 @@ class SlamPasses:
         self.slam.config = config
         self._past = self._again = None
 
-    def on_imu(self, t_ns: int, rates: Array, force: Array) -> None:
-        """See `Slam.on_imu`."""
-        self._take(t_ns, Slam.on_imu, (t_ns, rates, force))
+    def take(self, measurement: Measurement) -> None:
+        """See `Slam.take`; a measurement that the filter refuses is not remembered."""
+        self.slam.take(measurement)
+        self._remember(measurement)
+        if isinstance(measurement, SourceBearing):
+            self._consider_a_pass(*measurement)
 
-    def on_velocity(self, t_ns: int, linear: Array) -> None:
-        """See `Slam.on_velocity`."""
-        self._take(t_ns, Slam.on_velocity, (t_ns, linear))
-
-    def on_bearing(self, source_id: str, t_ns: int, bearing: float, variance: float, offset: Array) -> None:
-        """See `Slam.on_bearing`."""
-        self._take(t_ns, Slam.on_bearing, (source_id, t_ns, bearing, variance, offset))
-        if self._past is None or (self._again is not None and self._next < len(self._past)):
-            return
-        latest = self._again or self
-        bias, variance = _bias(latest.slam, source_id)
-        if self._bent(bias - latest.linearised_at, math.sqrt(variance), (t_ns - self._begin_ns) * 1e-9):
-            self._again, self._next = Pass(self.slam.config, bias), 0
-
-    def _take(self, t_ns: int, take: Callable[..., None], measured: tuple[Any, ...]) -> None:
-        """A measurement that the filter refuses is not remembered."""
-        take(self.slam, *measured)
+    def _remember(self, measurement: Measurement) -> None:
+        t_ns = measurement.bearing.t_ns if isinstance(measurement, SourceBearing) else measurement.t_ns
         self._begin_ns = self._begin_ns or t_ns
         if t_ns - self._begin_ns > _MEMORY_NS:
             self._past = self._again = None
         if self._past is None:
             return
-        self._past.append((take, measured))
+        self._past.append(measurement)
         if self._again is not None:
             self._catch_up(self._again, self._past)
+
+    def _consider_a_pass(self, source_id: str, bearing: Bearing) -> None:
+        if self._past is None or (self._again is not None and self._next < len(self._past)):
+            return
+        latest = self._again or self
+        bias, variance = _bias(latest.slam, source_id)
+        if self._bent(bias - latest.linearised_at, math.sqrt(variance), (bearing.t_ns - self._begin_ns) * 1e-9):
+            self._again, self._next = Pass(self.slam.config, bias), 0
 
     def _bent(self, shift: float, std: float, age: float) -> bool:
         """Whether the bias surely lies where it has bent the track more than linearising bears, until it was known."""
@@ -78,9 +71,9 @@ class SlamPasses:
             self._unknown = age
         return sure and abs(shift) * self._unknown > _BEARABLE
 
-    def _catch_up(self, again: Pass, past: list[Event]) -> None:
-        for take, measured in past[self._next : self._next + _PACE]:
-            take(again.slam, *measured)
+    def _catch_up(self, again: Pass, past: list[Measurement]) -> None:
+        for measurement in past[self._next : self._next + _PACE]:
+            again.slam.take(measurement)
         self._next = min(self._next + _PACE, len(past))
         if self._next == len(past) and abs(again.pull) * self._unknown <= _BEARABLE:
             again.restore_prior()
@@ -96,7 +89,7 @@ class Pass:
         joint.mean[YAW_BIAS] = linearised_at
         copied[0, YAW_BIAS] = 1.0
         self._prior = linearised_at / config.gyro_bias_std**2  # exponent of the ratio of both priors, per rad/s
-        self._begun = joint.add(Fix(np.array([linearised_at, 0.0]), np.zeros((2, 2))), copied)
+        self._begun = joint.add(PlanarFix(np.array([linearised_at, 0.0]), np.zeros((2, 2))), copied)
 
     @property
     def pull(self) -> float:
@@ -108,19 +101,20 @@ class Pass:
 
         The ratio of both priors is an exponential of the bias at the start, which is a state beside the one that walks.
         """
-        joint = self.slam.settled()
+        self.slam.settle()
+        joint = self.slam.joint
         joint.mean -= self._prior * joint.cov[:, self._begun.start]
         joint.remove(self._begun)
 
 
 def _bias(slam: Slam, source_id: str) -> Estimate:
     """The yaw gyro's bias as the filter has it, or as a pinger's lines have told it when they know better."""
-    told, joint = slam.pingers[source_id].told, slam.joint
+    lines, joint = slam.pingers[source_id].lines_bias, slam.joint
     known = Estimate(joint.mean.item(YAW_BIAS), joint.cov.item(YAW_BIAS, YAW_BIAS))
-    return known if told is None or known.variance < told.variance else told
+    return known if lines is None or known.variance < lines.variance else lines
 
 
 _MEMORY_NS = 300_000_000_000
 _BEARABLE = 0.05  # rad of yaw
 _SURE = 3.0  # standard deviations
-_PACE = 8  # events of the past to each new one
+_PACE = 8  # measurements of the past to each new one

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ...config import group, param
-from .sound_speed import mackenzie
 
 
 @dataclass(frozen=True)
 class ArrivalNoise:
     """How far an arrival may be off: its own std, and impulses on top of it."""
 
+    arrival_std: float = param(1e-3, unit="s", low=1e-9, doc="of an arrival whose std is not given: 0, negative or NaN")
     gate_sigma: float = param(3.5, unit="sigma", low=0.5, changeable=True, doc="innovations beyond are ignored")
     noise: str = param("gaussian", choices=("gaussian", "mixture"), doc="of the arrivals; mixture: with impulses")
     impulse_fraction: float = param(0.2, low=0, high=1, changeable=True, doc="this and below: for a noise of mixture")
@@ -27,15 +28,15 @@ class Water:
 
     bottom_depth: float = param(0.0, unit="m", low=0, doc="flat seabed below z = 0; 0 = no bottom path")
     max_depth: float = param(200.0, unit="m", low=0.1, doc="no target is deeper, nor below bottom_depth")
-    sound_speed: float = param(1500.0, unit="m/s", low=0, high=1650, doc="at the start; 0 = by the temperature")
+    sound_speed: float = param(1500.0, unit="m/s", low=0, high=1650.0, doc="at the start; 0 = by the temperature")
     sound_speed_std: float = param(2.0, unit="m/s", low=1e-3, doc="at the start")
     temperature: float = param(10.0, unit="deg C", low=-2, high=40, doc="for a sound_speed of 0")
     salinity: float = param(35.0, unit="psu", low=0, high=45, doc="for a sound_speed of 0")
     depth: float = param(0.0, unit="m", low=0, high=8000, doc="of temperature and salinity, for a sound_speed of 0")
 
     def __post_init__(self) -> None:
-        if 0 < self.sound_speed < _SLOWEST:
-            raise ValueError(f"sound_speed must be 0 or at least {_SLOWEST:g} m/s, got {self.sound_speed:g}")
+        if 0 < self.sound_speed < SLOWEST:
+            raise ValueError(f"sound_speed must be 0 or at least {SLOWEST:g} m/s, got {self.sound_speed:g}")
 
     @property
     def start_sound_speed(self) -> float:
@@ -43,7 +44,18 @@ class Water:
         return self.sound_speed or mackenzie(self.temperature, self.salinity, self.depth)
 
 
-_SLOWEST = 1350.0  # m/s
+SLOWEST, FASTEST = 1350.0, 1650.0  # m/s
+
+
+def mackenzie(temperature: float, salinity: float, depth: float) -> float:
+    """m/s at a temperature in deg C, a salinity in psu and a depth in m (Mackenzie 1981), good to 0.07 m/s.
+
+    For 2 to 30 deg C, 25 to 40 psu, down to 8000 m; at 25 deg C, 35 psu and 1000 m 1550.744 m/s.
+    """
+    t, s, d = temperature, salinity - 35, depth
+    of_temperature = 4.591 * t - 5.304e-2 * t**2 + 2.374e-4 * t**3
+    of_depth = 1.630e-2 * d + 1.675e-7 * d**2 - 7.139e-13 * t * d**3
+    return 1448.96 + of_temperature + 1.340 * s - 1.025e-2 * t * s + of_depth
 
 
 @dataclass(frozen=True)
@@ -64,8 +76,11 @@ class Acquisition:
     initial_position_std: tuple[float, ...] = param((10.0, 10.0, 10.0), unit="m", low=1e-3, length=3)
     initial_velocity: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m/s", length=3)
     initial_velocity_std: tuple[float, ...] = param((2.0, 2.0, 0.5), unit="m/s", low=1e-3, length=3)
+    max_speed: float = param(20.0, unit="m/s", low=0.1, doc="no target is faster")
     start_epochs: int = param(5, low=1, high=50, doc="solved together at a start, before the filter goes on alone")
-    lost_epochs: int = param(3, low=1, doc="in a row with half the arrivals rejected: the target is acquired anew")
+    lost_epochs: int = param(
+        3, low=1, doc="a target is acquired anew when half of what is heard was rejected so often in a row"
+    )
 
     def __post_init__(self) -> None:
         for name in ("initial_position", "initial_position_std", "initial_velocity", "initial_velocity_std"):
@@ -90,6 +105,7 @@ class Receivers:
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
     moving_receivers: bool = param(False, doc="buoys/positions comes all the time, and is taken in stamp order")
     buoy_clock_offset_std: float = param(0.0, unit="s", low=0, doc="of each clock at the start; 0 = all are right")
+    range_bias_std: float = param(0.0, unit="m", low=0, doc="of each receiver's constant range error; 0 = none has any")
     buoy_clock_drift_std: float = param(0.0, unit="s/s", low=0, doc="of each clock, constant; 0 = none drifts")
     mooring_ids: tuple[str, ...] = param((), doc="moorings whose `mooring/<id>/odometry` moves a receiver along x")
     mooring_receivers: tuple[int, ...] = param((), low=0, high=65535, doc="the receiver on each of mooring_ids")
@@ -125,3 +141,10 @@ class ToaConfig:
     pressure: PressureSensor = group(PressureSensor)
     receivers: Receivers = group(Receivers)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")
+
+    @property
+    def clock_stds(self) -> tuple[float, ...]:
+        """Of each receiver: none, its offset in s, or that and its drift; a range bias is an offset of the clock."""
+        r = self.receivers
+        offset = math.hypot(r.buoy_clock_offset_std, r.range_bias_std / self.water.start_sound_speed)
+        return tuple(std for std in (offset, r.buoy_clock_drift_std) if std > 0)

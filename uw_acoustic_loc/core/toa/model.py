@@ -1,6 +1,8 @@
 """The buoy tracker's motion model and times of arrival (Choi 2025, eq. 1-7).
 
-State (7,): position x y z (m, map, z up), velocity (m/s), effective sound speed (m/s).
+State (7,): position x y z (m, map, z up), velocity (m/s), effective sound speed (m/s). Where the receivers' clocks are
+estimated, or their ranges' biases, by how many s each is ahead and its drift follow: all offsets in the order of the
+net's rows, then, with a drift, all drifts.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import math
 import numpy as np
 
 from ..impulsive import AlphaStable, ImpulsiveNoise
-from ..types import Array
+from ..types import AnyArray, Array
 from .config import ArrivalNoise, PressureSensor, ProcessNoise, ToaConfig, Water
 
 STATES = 7
@@ -19,12 +21,14 @@ BIAS_STD = 1.0  # s; what is left of an unknown emission time after centring at 
 
 
 def height_from_pressure(pressure: float, variance: float, sensor: PressureSensor) -> tuple[float, float]:
-    """z in m and its variance from an absolute pressure in Pa; a variance of 0 is unknown, `pressure_std` stands in.
+    """z in m and its variance from an absolute pressure in Pa; `pressure_std` for a variance that is not above 0.
 
     At 1e5 Pa above that of the air, in sea water: -9.95 m.
     """
     weight = sensor.water_density * _GRAVITY
-    return (sensor.surface_pressure - pressure) / weight, (variance or sensor.pressure_std**2) / weight**2
+    return (sensor.surface_pressure - pressure) / weight, (
+        variance if variance > 0 else sensor.pressure_std**2
+    ) / weight**2
 
 
 def with_height(mean: Array, cov: Array, z: float, variance: float, age: float) -> tuple[Array, Array]:
@@ -53,6 +57,14 @@ def water_column(water: Water) -> tuple[float, float]:
     return -half, half
 
 
+def with_clocks(mean: Array, cov: Array, receivers: int, config: ToaConfig) -> tuple[Array, Array]:
+    """Mean (7,) and covariance (7, 7) followed by the prior of the clocks, when there is one."""
+    variances = np.concatenate([np.diagonal(cov), np.repeat(np.square(config.clock_stds), receivers)])
+    whole = np.diag(variances)
+    whole[:STATES, :STATES] = cov
+    return np.concatenate([mean, np.zeros(len(variances) - STATES)]), whole
+
+
 def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Array, Array]:
     """Mean (7,) and covariance (7, 7) after dt s of nearly constant velocity (eq. 4-5), kept within the water.
 
@@ -60,7 +72,7 @@ def predict(mean: Array, cov: Array, dt: float, config: ToaConfig) -> tuple[Arra
     """
     F, Q = _step(dt, config.process)
     if len(mean) > STATES:
-        F, Q = _with_drift(F, Q, len(mean), dt * (config.receivers.buoy_clock_drift_std > 0))
+        F, Q = _with_drift(F, Q, len(mean), dt * (len(config.clock_stds) > 1))
     return _in_water(F.dot(mean), F.dot(cov).dot(F.T) + Q, config.water)
 
 
@@ -100,7 +112,7 @@ def _step(dt: float, process: ProcessNoise) -> tuple[Array, Array]:
 
 
 def _with_drift(F: Array, Q: Array, size: int, dt: float) -> tuple[Array, Array]:
-    """The same with the buoys' clocks (core/toa_clock.py), whose offsets grow by their drifts, if they have any."""
+    """The same with the receivers' clocks, whose offsets grow by their drifts, if they have any."""
     whole, noise, offsets = np.eye(size), np.zeros((size, size)), np.arange(STATES, (size + STATES) // 2)
     whole[:STATES, :STATES], noise[:STATES, :STATES] = F, Q
     whole[offsets, offsets + len(offsets)] = dt
@@ -128,6 +140,19 @@ def arrival_times(
         np.multiply(rows[:3], lag, out=rows[3:6])
         times += bias
     return times, rows.T
+
+
+def heard_times(
+    mean: Array, images: Array, receiver: AnyArray, bias: Array | float = 0.0, lag: Array | float | None = None
+) -> tuple[Array, Array]:
+    """`arrival_times` by the clocks of the receivers, rows (n,) of the net; the Jacobian is (n, D)."""
+    times, H = arrival_times(mean, images, bias, lag)
+    clocks = len(mean) - STATES
+    if not clocks:
+        return times, H
+    rows = np.zeros((len(times), clocks))
+    rows[np.arange(len(times)), receiver] = 1.0
+    return times + rows @ mean[STATES:], np.hstack([H, rows])
 
 
 def by_emission(mean: Array, H: Array) -> Array:

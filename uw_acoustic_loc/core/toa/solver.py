@@ -8,16 +8,16 @@ is straight; what process noise could have added is counted as measurement noise
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..types import AnyArray, Array
-from .clock import heard_times
-from .config import ToaConfig
-from .model import BIAS_STD, by_emission, process_noise, water_column
-from .paths import Epoch, Net
+from .config import FASTEST, SLOWEST, ToaConfig
+from .model import BIAS_STD, by_emission, heard_times, process_noise, water_column
+from .paths import Epoch, ReceiverNet
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,10 @@ class Start:
     rejected: int
     receivers: int  # different ones among the used
     cost: float  # squared residuals in sigma, each at most gate^2, and squared distance from the prior
+    inside: AnyArray  # bool, of the last epoch's arrivals
 
 
-def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
+def cold_prior(net: ReceiverNet, config: ToaConfig) -> tuple[Array, Array]:
     """Mean and covariance that say nothing of the horizontal position, and of z that it is in the water."""
     receivers = net.images[1]
     middle, half = water_column(config.water)
@@ -44,7 +45,20 @@ def cold_prior(net: Net, config: ToaConfig) -> tuple[Array, Array]:
     return mean, np.diag(std**2)
 
 
-def cold_starts(net: Net, prior: Array) -> Array:
+def believable(mean: Array, net: ReceiverNet, config: ToaConfig) -> bool:
+    """Whether a state is within what is known beforehand: near the net, in the water (3 sigma), at no absurd speed."""
+    centre, spread = net.images[1].mean(axis=0), 10 * _extent(net) + 1000
+    middle, half = water_column(config.water)
+    x, y, z, vx, vy, vz, speed = mean[:7].tolist()
+    return (
+        math.hypot(x - centre[0], y - centre[1]) <= spread
+        and abs(z - middle) <= 3 * half
+        and math.hypot(vx, vy, vz) <= config.start.max_speed
+        and SLOWEST <= speed <= FASTEST
+    )
+
+
+def cold_starts(net: ReceiverNet, prior: Array) -> Array:
     """(49, D) start points on a grid over the net and half its extent around it."""
     axis = np.linspace(-1, 1, 7) * max(_extent(net), 1.0)
     x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
@@ -57,13 +71,24 @@ def cold_starts(net: Net, prior: Array) -> Array:
 def solve(epochs: Sequence[Epoch], mean: Array, cov: Array, starts: Array, config: ToaConfig) -> Start:
     """The best solution from the most promising of `starts` (s, D), given the prior mean (D,) and cov (D, D).
 
-    Prior, starts and solution belong to the last epoch's stamp; every arrival has its path.
+    Prior, starts and solution belong to the last epoch's stamp; every arrival has its path. Where the best solution
+    rejects arrivals, more of the starts are tried: another may have a place for all of them.
     """
     problem = _Problem(epochs, mean, cov, config)
     scale = problem.scale(starts)
     if len(starts) > 1:
-        starts = starts[np.argsort(problem.costs(starts, scale), kind="stable")[:3]]
-    return min((problem.descend(start, scale) for start in starts), key=lambda solution: solution.cost)
+        starts = starts[np.argsort(problem.costs(starts, scale), kind="stable")]
+    best = min((problem.descend(start, scale) for start in starts[:_FIRST]), key=_cost)
+    if best.rejected and len(starts) > _FIRST:
+        best = min((best, *(problem.descend(start, scale) for start in starts[_FIRST:_MOST])), key=_cost)
+    return best
+
+
+_FIRST, _MOST = 3, 9  # starts that are tried
+
+
+def _cost(solution: Start) -> float:
+    return solution.cost
 
 
 class _Problem:
@@ -77,6 +102,7 @@ class _Problem:
         self._sway = np.concatenate([e.net.sway[e.receiver] for e in epochs])
         self._receiver = np.concatenate([e.receiver for e in epochs])
         self._epoch = np.repeat(np.arange(len(epochs)), [len(e.time) for e in epochs])
+        self._epochs = len(epochs)
         since = np.array([(e.t_ns - epochs[-1].t_ns) * 1e-9 for e in epochs])
         self._since = since[self._epoch]
         Q = [np.diag(process_noise(-age, config.process))[[0, 1, 2, 6]] for age in since]
@@ -90,7 +116,7 @@ class _Problem:
     def scale(self, starts: Array) -> float:
         """By how many s the best of the start points may be wrong."""
         if len(starts) > 1:
-            return float(np.ptp(starts[:, 0])) / 6 / self._config.water.start_sound_speed
+            return float(np.ptp(starts[:, :2], axis=0).max()) / 6 / self._config.water.start_sound_speed
         cov = np.linalg.inv(self._information[: self._size, : self._size])
         return float(np.sqrt(np.trace(cov[:3, :3]) + np.max(self._variance) * starts[0, 6] ** 2) / starts[0, 6])
 
@@ -136,7 +162,8 @@ class _Problem:
         receivers = len(set(self._receiver[inside].tolist()))
         off = x - self._mean
         cost = float(np.minimum(squares, limit).sum() + off @ self._information @ off)
-        return Start(x[: self._size].copy(), (cov + cov.T) / 2, used, len(r) - used, receivers, cost)
+        last = inside[self._epoch == self._epochs - 1]
+        return Start(x[: self._size].copy(), (cov + cov.T) / 2, used, len(r) - used, receivers, cost, last)
 
     def _step(self, x: Array, r: Array, J: Array, weights: Array) -> Array:
         gradient = J.T @ (weights * r) + self._information @ (self._mean - x)
@@ -164,5 +191,5 @@ def _median(values: AnyArray) -> float:
     return float(np.median(values)) if len(values) else 0.0
 
 
-def _extent(net: Net) -> float:
+def _extent(net: ReceiverNet) -> float:
     return float(np.ptp(net.images[1][:, :2], axis=0).max())

@@ -10,7 +10,7 @@ from matplotlib.ticker import FormatStrFormatter
 
 from ...evaluation.plot import BLUE, GREEN, ORANGE, RAW, RED, TRUTH, Picture, canvas, legend_below, picture, style
 from . import inside, trials
-from .trials import Case
+from .trials import MultipathChannel
 
 LOOK = {"none": (RAW, "no filter"), "particle": (BLUE, "particle filter"), "histogram": (ORANGE, "histogram filter")}
 
@@ -76,7 +76,7 @@ def _courses(seed: int) -> Picture:
     return picture("Bearings over time", caption, figure)
 
 
-def _course(axis: Any, case: Case, seed: int) -> None:
+def _course(axis: Any, case: MultipathChannel, seed: int) -> None:
     course, heard = trials.one_course(case, 0, seed)
     axis.plot(trials.FRAME_NS * 1e-9 * np.arange(course.size), np.degrees(course), color=TRUTH, lw=3, alpha=0.3)
     axis.plot([], [], color=TRUTH, lw=3, alpha=0.3, label="truth")
@@ -132,7 +132,7 @@ def _bars(axis: Any, k: int, values: list[float], colour: str, label: str) -> No
     axis.bar_label(drawn, [f"{value:.2f}" for value in values], padding=2, fontsize=8, color="#444444")
 
 
-def _title(case: Case) -> str:
+def _title(case: MultipathChannel) -> str:
     low, high = (f / 1e3 for f in case.band)
     return f"{low:g} to {high:g} kHz, {case.snr_db:g} dB{', snaps' if case.impulses else ''}"
 

@@ -19,7 +19,7 @@ from ...resources import resource
 from ...sim.hydrophones import HydrophoneSource
 from ...sim.scenario import load_scenario
 from . import trials
-from .trials import FRAME_NS, NARROW, Case
+from .trials import FRAME_NS, NARROW, MultipathChannel
 
 US = 1e6
 SHOWN_PEAKS = 4  # Shin et al. 2013
@@ -99,7 +99,7 @@ def correlations(seed: int) -> Picture:
     return picture("Correlation, maxima and likelihood", caption, figure)
 
 
-def _misleading(case: Case, seed: int) -> tuple[Correlation, float]:
+def _misleading(case: MultipathChannel, seed: int) -> tuple[Correlation, float]:
     """The first ping at 70 degrees whose strongest maximum is a gross error, and the true TDOA."""
     scene, config = case.scene, BearingConfig()
     truth, rng = scene.tdoa(AZIMUTH), np.random.default_rng([seed, _ONE_PING])
@@ -112,7 +112,7 @@ def _misleading(case: Case, seed: int) -> tuple[Correlation, float]:
                 return heard.correlation, truth
 
 
-def _likelihood(found: Correlation, case: Case) -> PeakLikelihood:
+def _likelihood(found: Correlation, case: MultipathChannel) -> PeakLikelihood:
     config, scene = BearingConfig(), case.scene
     shared = config.noise.phase_std / math.sqrt(found.curvature)
     return PeakLikelihood.of(found, shared, config.noise.height_std, scene.spacing / scene.sound_speed)
@@ -131,8 +131,8 @@ def clouds(seed: int) -> Picture:
     legend_below(figure, axes[0, 1])
     caption = (
         "Particles of one pinger, 24 to 26 kHz, in the half plane that the node assumes. A ping leaves one ray per "
-        "carrier cycle; time settles which (Shin et al. 2013, fig. 3 and 8). Two hydrophones tell no range: where "
-        "along the ray the particles lie is the prior's range, not a measurement."
+        "carrier cycle; time settles which (Shin et al. 2013, fig. 3 and 8). Two hydrophones do not observe the range: "
+        "where along the ray the particles lie is the prior's range, not a measurement."
     )
     return picture("The particle cloud", caption, figure)
 
@@ -173,7 +173,7 @@ def posteriors(seed: int) -> Picture:
     return picture("Posterior over the TDOA", caption, figure)
 
 
-def _after(filter_: str, case: Case, seed: int, count: int) -> Iterator[tuple[int, object]]:
+def _after(filter_: str, case: MultipathChannel, seed: int, count: int) -> Iterator[tuple[int, object]]:
     """(pings, filter) before the first ping and after each."""
     rng = np.random.default_rng([seed, _FEW_PINGS])
     scene, node = case.scene, trials.estimator(case.scene, filter_, seed)

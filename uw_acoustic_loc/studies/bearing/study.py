@@ -12,26 +12,26 @@ import numpy as np
 from ...evaluation.tables import Sheet
 from ..outcome import Outcome
 from . import trials
-from .trials import Case, Errors
+from .trials import BearingErrors, MultipathChannel
 
 if TYPE_CHECKING:
     from ...evaluation.plot import Picture
 
 TITLE = "Bearing of a pinger from two hydrophones"
 RUNS = 8
-Clean = Mapping[float, Errors]  # by SNR in dB
-Echoes = Mapping[Case, Mapping[str, Errors]]  # by filter
+Clean = Mapping[float, BearingErrors]  # by SNR in dB
+Echoes = Mapping[MultipathChannel, Mapping[str, BearingErrors]]  # by filter
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
-    clean: dict[float, Errors] = {}
-    echoes: dict[Case, dict[str, Errors]] = {}
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
+    clean: dict[float, BearingErrors] = {}
+    echoes: dict[MultipathChannel, dict[str, BearingErrors]] = {}
     for snr_db in trials.SNRS_DB:
         clean[snr_db] = trials.clean_errors(snr_db, runs, seed)
-        tell(0.05 * len(clean))
+        progress(0.05 * len(clean))
     for case in trials.CASES:
-        echoes[case] = trials.echo_errors(case, runs, seed, partial(_tell_case, tell, len(echoes)))
+        echoes[case] = trials.echo_errors(case, runs, seed, partial(_part, progress, len(echoes)))
     return Outcome(_numbers(clean, echoes), dict(_sheets(clean, echoes, seed)), _TEXT.format(runs=runs, seed=seed))
 
 
@@ -42,8 +42,8 @@ def pictures(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Pictu
     return draw(numbers, seed)
 
 
-def _tell_case(tell: Callable[[float], None], done: int, share: float) -> None:
-    tell(0.2 + 0.8 * (done + share) / len(trials.CASES))
+def _part(progress: Callable[[float], None], done: int, share: float) -> None:
+    progress(0.2 + 0.8 * (done + share) / len(trials.CASES))
 
 
 def _numbers(clean: Clean, echoes: Echoes) -> dict[str, Any]:
@@ -78,7 +78,7 @@ def _clean_sheet(clean: Clean) -> Sheet:
     return Sheet("Clean channel, 20 to 30 kHz, no filter", columns, tuple(_clean_row(*item) for item in clean.items()))
 
 
-def _clean_row(snr_db: float, e: Errors) -> tuple[str, ...]:
+def _clean_row(snr_db: float, e: BearingErrors) -> tuple[str, ...]:
     bound, known = _bounds_deg(snr_db)
     shown = (e.rmse_deg, e.robust_deg, bound)
     ratios = (f"{e.rmse_deg / bound:.2f}", f"{e.robust_deg / bound:.2f}")
@@ -103,7 +103,7 @@ def _echo_sheet(echoes: Echoes) -> Sheet:
     return Sheet("Multipath, 35 to 145 degrees at 3 degrees per second", columns, tuple(rows))
 
 
-def _echo_row(case: Case, name: str, e: Errors) -> tuple[str, ...]:
+def _echo_row(case: MultipathChannel, name: str, e: BearingErrors) -> tuple[str, ...]:
     low, high = (f"{f / 1e3:g}" for f in case.band)
     shares = (f"{100 * e.heard:.1f}", f"{100 * e.gross_fraction:.2f}", f"{e.median_deg:.2f}")
     snaps = "yes" if case.impulses else "no"

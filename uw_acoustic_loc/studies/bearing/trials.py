@@ -31,7 +31,7 @@ _CLEAN, _ECHOES, _POSITION = 1, 2, 3  # keep the random numbers of the parts apa
 
 
 @dataclass(frozen=True)
-class Case:
+class MultipathChannel:
     """A multipath channel with its pinger."""
 
     band: tuple[float, float]
@@ -44,13 +44,13 @@ class Case:
         return PingScene(self.band, multipath=True, impulses=self.impulses)
 
 
-WIDE = Case((20e3, 30e3), 0.0, True)
-NARROW = Case((24e3, 26e3), 10.0, False)
+WIDE = MultipathChannel((20e3, 30e3), 0.0, True)
+NARROW = MultipathChannel((24e3, 26e3), 10.0, False)
 CASES = (WIDE, NARROW)
 
 
 @dataclass(frozen=True)
-class Heard:
+class PublishedBearing:
     """A published bearing; its error is against the angle that the true TDOA stands for."""
 
     filter: str
@@ -61,7 +61,7 @@ class Heard:
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class BearingErrors:
     """Of all bearings that were published for `pings` pings."""
 
     pings: int
@@ -111,10 +111,10 @@ def estimator(scene: PingScene, filter_: str, seed: int) -> BearingEstimator:
     return BearingEstimator(config, scene.info)
 
 
-def clean_errors(snr_db: float, runs: int, seed: int) -> Errors:
+def clean_errors(snr_db: float, runs: int, seed: int) -> BearingErrors:
     """Near broadside, 85 to 95 degrees, each ping on its own."""
     scene = clean_scene()
-    heard: list[Heard] = []
+    heard: list[PublishedBearing] = []
     for run in range(runs):
         rng = np.random.default_rng([seed, _CLEAN, round(10 * snr_db), run])
         course = np.radians(rng.uniform(85.0, 95.0, PINGS))
@@ -122,16 +122,18 @@ def clean_errors(snr_db: float, runs: int, seed: int) -> Errors:
     return _errors(PINGS * runs, heard)
 
 
-def echo_errors(case: Case, runs: int, seed: int, tell: Callable[[float], None]) -> dict[str, Errors]:
+def echo_errors(
+    case: MultipathChannel, runs: int, seed: int, progress: Callable[[float], None]
+) -> dict[str, BearingErrors]:
     """Every filter on the same pings of a source that sweeps to and fro, the filters begun anew in each run."""
-    heard: list[Heard] = []
+    heard: list[PublishedBearing] = []
     for run in range(runs):
         heard += one_course(case, run, seed)[1]
-        tell((run + 1) / runs)
+        progress((run + 1) / runs)
     return {name: _errors(SWEEP_PINGS * runs, [h for h in heard if h.filter == name]) for name in FILTERS}
 
 
-def one_course(case: Case, run: int, seed: int) -> tuple[Array, list[Heard]]:
+def one_course(case: MultipathChannel, run: int, seed: int) -> tuple[Array, list[PublishedBearing]]:
     """(SWEEP_PINGS,) azimuths in rad of a run, and what is heard by every filter."""
     rng = np.random.default_rng([seed, _ECHOES, round(case.band[0]), run])
     scene, course = case.scene, course_of(rng)
@@ -167,14 +169,14 @@ def position_bearings(filter_: str, seed: int) -> Array:
 
 def bearings(
     scene: PingScene, snr_db: float, course: Array, filters: Mapping[str, BearingEstimator], rng: np.random.Generator
-) -> Iterator[Heard]:
+) -> Iterator[PublishedBearing]:
     """What every filter makes of one ping per azimuth, ten per second."""
     begin = scene.info.t_ns
     for k, azimuth in enumerate(course):
         frame, truth = scene.frame(azimuth, snr_db, rng, begin + k * FRAME_NS), scene.bearing(azimuth)
         for name, state in filters.items():
             for _, b in state.process(frame):
-                yield Heard(
+                yield PublishedBearing(
                     name, (b.t_ns - begin) * 1e-9, b.bearing, math.sqrt(b.variance), wrap_angle(b.bearing - truth)
                 )
 
@@ -200,5 +202,5 @@ def spectrum(scene: PingScene, noise_std: float) -> tuple[Array, Array]:
     return omega, np.asarray(snr, dtype=np.float64)
 
 
-def _errors(pings: int, heard: Sequence[Heard]) -> Errors:
-    return Errors(pings, np.array([h.error for h in heard]), np.array([h.std for h in heard]))
+def _errors(pings: int, heard: Sequence[PublishedBearing]) -> BearingErrors:
+    return BearingErrors(pings, np.array([h.error for h in heard]), np.array([h.std for h in heard]))

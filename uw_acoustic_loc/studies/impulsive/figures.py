@@ -11,7 +11,6 @@ from ...core.impulsive import LikelihoodTable
 from ...core.mooring.estimator import MooringConfig
 from ...evaluation.plot import BLUE, GREEN, ORANGE, RAW, RED, TRUTH, Picture, canvas, legend_below, picture, style
 from . import trials
-from .study import PAPER
 
 _LIMITS = (-6.0, 8.0)  # m, as in the paper
 _CHOICE = 25  # runs
@@ -76,7 +75,7 @@ def _spread(table: list[dict[str, float]]) -> Picture:
         axis.plot(e, [row[key] for row in table], "o-", color=colour, markersize=4, label=label)
     axis.plot(e, [row["reference_std"] for row in table], "s", color=TRUTH, mfc="none", label="5000 particles")
     for column, colour, label in ((2, RED, "EKF, paper"), (3, BLUE, "ODPF, paper")):
-        axis.plot(e, [PAPER[x][column] for x in e], "x", color=colour, markersize=6, label=label)
+        axis.plot(e, [trials.PAPER[x][column] for x in e], "x", color=colour, markersize=6, label=label)
     axis.set_yscale("log")
     axis.set_xlabel("share e of impulses")
     axis.set_ylabel("standard deviation of the error (m)")

@@ -15,26 +15,18 @@ if TYPE_CHECKING:
 
 TITLE = "A mooring's offset through impulsive noise"
 RUNS = 1000
-PAPER = {  # Lee et al. 2013, table 2: EKF mean, ODPF mean, EKF standard deviation, ODPF standard deviation, in m
-    0.0: (-0.122469, 0.001291, 0.809314, 0.224610),
-    0.1: (-0.119069, 0.004077, 1.033843, 0.034384),
-    0.2: (0.073413, 0.048803, 1.040795, 0.113664),
-    0.3: (-0.344726, -0.073884, 1.138707, 0.194922),
-    0.4: (0.148500, -0.054173, 1.348201, 0.132219),
-    0.5: (-0.159552, 0.0086227, 1.343063, 0.052018),
-}
 Found = Mapping[float, Mapping[str, Tracked]]  # by fraction of impulses, by filter
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     found: dict[float, dict[str, Tracked]] = {}
     shaken: dict[float, dict[str, Tracked]] = {}
     for fraction in trials.FRACTIONS:
         truth = trials.simulate(fraction, runs, seed)
         found[fraction] = {name: trials.track(name, fraction, truth, seed) for name in trials.FILTERS}
         shaken[fraction] = _shaken(fraction, runs, seed)
-        tell(len(found) / len(trials.FRACTIONS))
+        progress(len(found) / len(trials.FRACTIONS))
     sheets = {"table2": _paper_sheet(found), "filters": _filter_sheet(found), "nees": _nees_sheet(found)}
     sheets["shaken"] = _shaken_sheet(shaken)
     return Outcome({"table": [_row(*item) for item in found.items()]}, sheets, _TEXT.format(runs=runs, seed=seed))
@@ -78,8 +70,8 @@ def _paper_sheet(found: Found) -> Sheet:
 def _paper_row(fraction: float, found: Mapping[str, Tracked]) -> tuple[str, ...]:
     kf, particle = found["kf"], found["particle"]
     here = (kf.mean, particle.mean, kf.std, particle.std)
-    pairs = [f"{x:.3f}" for pair in zip(PAPER[fraction], here, strict=True) for x in pair]
-    paper_ratio = PAPER[fraction][2] / PAPER[fraction][3]
+    pairs = [f"{x:.3f}" for pair in zip(trials.PAPER[fraction], here, strict=True) for x in pair]
+    paper_ratio = trials.PAPER[fraction][2] / trials.PAPER[fraction][3]
     return f"{fraction:g}", *pairs, f"{paper_ratio:.1f}", f"{kf.std / particle.std:.2f}"
 
 

@@ -24,6 +24,14 @@ FILTERS: Mapping[str, Mapping[str, str | int]] = {
     "reference": {"filter": "particle", "particles": 5000},
 }
 TIMES = PERIOD * np.arange(1, STEPS + 1)  # s
+PAPER = {  # Lee et al. 2013, table 2: EKF mean, ODPF mean, EKF standard deviation, ODPF standard deviation, in m
+    0.0: (-0.122469, 0.001291, 0.809314, 0.224610),
+    0.1: (-0.119069, 0.004077, 1.033843, 0.034384),
+    0.2: (0.073413, 0.048803, 1.040795, 0.113664),
+    0.3: (-0.344726, -0.073884, 1.138707, 0.194922),
+    0.4: (0.148500, -0.054173, 1.348201, 0.132219),
+    0.5: (-0.159552, 0.0086227, 1.343063, 0.052018),
+}
 _CACHED = 20_000  # particles at a time that stay in the processor's cache
 _TRUTH, _FILTER = 1, 2  # keep the random numbers apart
 

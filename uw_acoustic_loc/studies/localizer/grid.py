@@ -9,7 +9,7 @@ import numpy as np
 from ...core.geometry import wrap_angles
 from ...core.localizer.bearing_noise import log_likelihood
 from ...core.localizer.particles import least_relative_error
-from ...core.localizer.triangulation import Fix, Ray
+from ...core.localizer.triangulation import PlanarFix, Ray
 from ...core.types import Array
 
 
@@ -36,7 +36,7 @@ class BearingGrid:
         while self._divide():
             pass
 
-    def estimate(self) -> Fix:
+    def estimate(self) -> PlanarFix:
         """The posterior's point of least relative error, seen from the first point, and the mean square about it."""
         weight = np.exp(self._log_weight - self._log_weight.max())
         points = np.stack([self._x.ravel(), self._y.ravel()])

@@ -31,14 +31,14 @@ NAMES = {
 _SHOWN = (5, 10, 15, 20)
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     numbers: dict[str, dict[str, Any]] = {}
     for key, course in trials.COURSES.items():
         numbers[key] = {}
         for name, points in trials.answers(key, course, runs, seed):
             numbers[key][name] = _errors(np.abs(points - course.source))
-            tell((len(numbers) - 1 + len(numbers[key]) / len(NAMES)) / len(trials.COURSES))
+            progress((len(numbers) - 1 + len(numbers[key]) / len(NAMES)) / len(trials.COURSES))
     sheets = {key: _sheet(trials.COURSES[key].title, numbers[key]) for key in numbers}
     return Outcome(numbers, sheets, _TEXT.format(runs=runs, seed=seed))
 
@@ -76,7 +76,7 @@ first two uniform in area, the bank uniform in log range. The paper's EKF begins
 spread of 50 m per axis; the paper gives none. Two lines have no answer at sample 0; the prior's mean stands for it. The
 RMSE of two lines is that of a ratio whose denominator passes zero: it has no limit, only the median means something.
 
-Particle filter and grid tell the point of least relative error: while the range is open, the mean would lie where the
+Particle filter and grid give the point of least relative error: while the range is open, the mean would lie where the
 prior has its area, towards 140 m. The guess (50, 50) is 70 m away from the source, in nearly the right direction; the
 row with starts drawn from the particle filter's prior shows what that is worth.
 """

@@ -9,7 +9,7 @@ from ...core.multistatic.estimator import METHODS
 from ...evaluation.tables import Sheet
 from ..outcome import Outcome
 from . import trials
-from .trials import BIASED, PRINTED, Errors, Setting
+from .trials import BIASED, PRINTED, MethodErrors, Setting
 
 if TYPE_CHECKING:
     from ...evaluation.plot import Picture
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 TITLE = "Targets of a multistatic sonar net"
 RUNS = 100
 SECTIONS = {"noise": trials.NOISES, "receivers": trials.BY_COUNT, "distance": trials.BY_DISTANCE}
-Found = Mapping[Setting, Errors]
+Found = Mapping[Setting, MethodErrors]
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     settings = list(dict.fromkeys(setting for section in SECTIONS.values() for setting in section))
-    found: dict[Setting, Errors] = {}
+    found: dict[Setting, MethodErrors] = {}
     for setting in settings:
         methods = (*METHODS, BIASED, PRINTED) if setting in trials.BY_COUNT else METHODS
         found[setting] = trials.errors(setting, trials.grid(), runs, seed, methods)
-        tell(0.9 * sum(s.receivers for s in found) / sum(s.receivers for s in settings))
-    placed = _placements(runs, seed, lambda share: tell(0.9 + 0.1 * share))
+        progress(0.9 * sum(s.receivers for s in found) / sum(s.receivers for s in settings))
+    placed = _placements(runs, seed, lambda share: progress(0.9 + 0.1 * share))
     numbers = {name: [_row(setting, found[setting]) for setting in part] for name, part in SECTIONS.items()}
     return Outcome(numbers, dict(_sheets(found, placed)), _TEXT.format(runs=runs, seed=seed))
 
@@ -40,16 +40,16 @@ def pictures(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Pictu
     return draw(numbers, seed)
 
 
-def _placements(runs: int, seed: int, tell: Callable[[float], None]) -> dict[Setting, Errors]:
+def _placements(runs: int, seed: int, progress: Callable[[float], None]) -> dict[Setting, MethodErrors]:
     """ml_range_bearing alone, for every number of receivers and every distance, at every fifth row and column."""
     found, targets = {}, trials.square(trials.grid_axis()[2::5])
     for k, setting in enumerate(trials.PLACEMENTS):
         found[setting] = trials.errors(setting, targets, runs, seed, ("ml_range_bearing",))
-        tell((k + 1) / len(trials.PLACEMENTS))
+        progress((k + 1) / len(trials.PLACEMENTS))
     return found
 
 
-def _row(setting: Setting, found: Errors) -> dict[str, float]:
+def _row(setting: Setting, found: MethodErrors) -> dict[str, float]:
     """A row of the JSON; m and rad."""
     return {
         "receivers": setting.receivers,
@@ -78,7 +78,7 @@ def _error_sheet(title: str, settings: Sequence[Setting], found: Found) -> Sheet
     return Sheet(title, columns, tuple(_error_row(setting, found[setting]) for setting in settings))
 
 
-def _error_row(setting: Setting, e: Errors) -> tuple[str, ...]:
+def _error_row(setting: Setting, e: MethodErrors) -> tuple[str, ...]:
     bound = float(e.bound.mean())
     means = (f"{x:.1f}" for x in (bound, *(e.mean[method] for method in METHODS)))
     return (
@@ -119,7 +119,7 @@ def _placement_sheet(placed: Found) -> Sheet:
     return Sheet(title, columns, rows)
 
 
-def _reached(e: Errors) -> str:
+def _reached(e: MethodErrors) -> str:
     return f"{e.mean['ml_range_bearing']:.1f} ({e.bound.mean():.1f})"
 
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ...core.multistatic.bound import cramer_rao, position_error
-from ...core.multistatic.estimator import METHODS, Net, Noise, locate
+from ...core.multistatic.estimator import METHODS, Noise, SonarNet, locate
 from ...core.types import Array
 
 BIASED = "ml_range_bearing, bias left in"
@@ -31,10 +31,10 @@ class Setting:
     bearing_std: float = 0.02  # rad
 
     @property
-    def net(self) -> Net:
+    def net(self) -> SonarNet:
         """Transmitter in the middle, the first receiver due east."""
         angle = 2 * np.pi * np.arange(self.receivers) / self.receivers
-        return Net(np.zeros(2), self.distance * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        return SonarNet(np.zeros(2), self.distance * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
     @property
     def noise(self) -> Noise:
@@ -64,7 +64,7 @@ def square(axis: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class MethodErrors:
     """What every method makes of the same measurements."""
 
     bound: Array  # (T,) m, Cramer-Rao
@@ -82,7 +82,9 @@ class Errors:
         return float(np.max(self.rmse["ml_range_bearing"] / self.bound))
 
 
-def errors(setting: Setting, targets: Array, trials: int, seed: int, methods: tuple[str, ...] = METHODS) -> Errors:
+def errors(
+    setting: Setting, targets: Array, trials: int, seed: int, methods: tuple[str, ...] = METHODS
+) -> MethodErrors:
     """RMSE at targets (T, 2) over `trials`, which are drawn for `setting` and `seed` alone."""
     net, noise = setting.net, setting.noise
     key = [
@@ -95,10 +97,10 @@ def errors(setting: Setting, targets: Array, trials: int, seed: int, methods: tu
     found = {name: _distances(net, ranges, bearings, noise, name, targets) for name in methods}
     rmse = {name: np.sqrt(np.square(error).mean(axis=1)) for name, error in found.items()}
     median = {name: float(np.median(error)) for name, error in found.items()}
-    return Errors(position_error(cramer_rao(net, targets, noise)), rmse, median)
+    return MethodErrors(position_error(cramer_rao(net, targets, noise)), rmse, median)
 
 
-def _distances(net: Net, ranges: Array, bearings: Array, noise: Noise, method: str, targets: Array) -> Array:
+def _distances(net: SonarNet, ranges: Array, bearings: Array, noise: Noise, method: str, targets: Array) -> Array:
     """(T, trials) errors in m."""
     if method in (BIASED, PRINTED):
         removed = math.sqrt(len(net.receivers) - 1) * noise.range_std[0] if method == PRINTED else 0.0

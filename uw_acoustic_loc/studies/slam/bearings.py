@@ -6,14 +6,15 @@ import math
 
 import numpy as np
 
-from ...contract import Event
 from ...core.geometry import wrap_angle
 from ...core.types import Array, Bearing
 from ...sim.scenario import Scenario
 from ...sim.trajectory import Trajectory
 
+BearingEvent = tuple[int, str, Bearing]  # stamp in ns, topic, bearing
 
-def bearings(scenario: Scenario, std: float, correlation: float = 0.0, period: float = 0.1) -> list[Event]:
+
+def bearings(scenario: Scenario, std: float, correlation: float = 0.0, period: float = 0.1) -> list[BearingEvent]:
     """Bearings of all pingers in base_link, in stamp order; the array is at its origin, the vehicle level.
 
     Args:
@@ -27,7 +28,7 @@ def bearings(scenario: Scenario, std: float, correlation: float = 0.0, period: f
     if scenario.vehicle is None:
         raise ValueError("vehicle: the scenario has none")
     rng, trajectory = scenario.rng(_KEY), Trajectory(scenario.vehicle)
-    events: list[Event] = []
+    events: list[BearingEvent] = []
     for k, pinger in enumerate(scenario.pingers):
         times = np.arange((k + 0.5) / len(scenario.pingers) * period, scenario.duration, period)
         motion = trajectory.at(times)

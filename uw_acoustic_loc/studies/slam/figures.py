@@ -23,7 +23,7 @@ from ...evaluation.plot import (
     style,
 )
 from . import trials
-from .trials import Run, Snapshot
+from .trials import SlamRun, Snapshot
 
 COLOURS = {"s1": ORANGE, "s2": GREEN, "s3": PURPLE}
 SHOWN = 12  # runs in the picture of errors
@@ -40,7 +40,7 @@ def draw(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Picture]]
         yield "error", _errors(runs)
 
 
-def _bearings(run: Run) -> Picture:
+def _bearings(run: SlamRun) -> Picture:
     figure, axes = canvas(1, 1, 3.2)
     axis = axes[0, 0]
     for name, heard in run.heard.items():
@@ -58,7 +58,7 @@ def _bearings(run: Run) -> Picture:
     return picture("Bearings of three pingers", caption, figure)
 
 
-def _snapshots(run: Run) -> Picture:
+def _snapshots(run: SlamRun) -> Picture:
     figure, axes = canvas(1, 3, 3.8, sharey=True)
     last = len(run.snapshots) - 1
     first = next((k for k, s in enumerate(run.snapshots) if len(s.pingers) == len(trials.PLACES)), last // 2)
@@ -78,7 +78,7 @@ def _snapshots(run: Run) -> Picture:
     return picture("SLAM as the boat moves", caption, figure)
 
 
-def _map(axis: Any, run: Run, k: int) -> None:
+def _map(axis: Any, run: SlamRun, k: int) -> None:
     """The path so far, the dead-reckoned one, and the true places of the pingers."""
     estimated = np.array([s.vehicle.mean for s in run.snapshots[: k + 1]])
     axis.plot(*run.truth[: k + 1].T, color=TRUTH, linewidth=2.5, alpha=0.3, label="true path")
@@ -98,7 +98,7 @@ def _boat(axis: Any, snapshot: Snapshot) -> None:
     axis.plot(x, y, marker=(3, 0, np.degrees(snapshot.heading) - 90), markersize=8, color=BLUE, linestyle="")
 
 
-def _track(run: Run) -> Picture:
+def _track(run: SlamRun) -> Picture:
     figure, axes = canvas(1, 2, 3.2)
     time = np.array([s.time for s in run.snapshots])
     estimated = np.array([s.vehicle.mean for s in run.snapshots])
@@ -112,7 +112,7 @@ def _track(run: Run) -> Picture:
     return picture("Position of the boat", "The first run (Choi et al., fig. 9).", figure)
 
 
-def _errors(runs: list[Run]) -> Picture:
+def _errors(runs: list[SlamRun]) -> Picture:
     figure, axes = canvas(1, 2, 3.2)
     both, close = axes[0]
     for run in runs:

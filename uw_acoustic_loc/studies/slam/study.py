@@ -10,7 +10,7 @@ import numpy as np
 from ...evaluation.tables import Sheet
 from ..outcome import Outcome
 from . import trials
-from .trials import Case, End
+from .trials import End, NoiseCase
 
 if TYPE_CHECKING:
     from ...evaluation.plot import Picture
@@ -20,10 +20,10 @@ RUNS = 100
 PUBLISHED = {"s1": 0.59, "s2": 0.28, "s3": 0.54}  # m, Choi et al., table 1: one run at sea
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     fewer = -(-runs // 4)
-    shares = _Shares(tell, runs + 2 * fewer)
+    shares = _Shares(progress, runs + 2 * fewer)
     white = trials.ends(trials.WHITE, runs, seed, shares.next(runs))
     ignored = trials.ends(trials.IGNORED, fewer, seed, shares.next(fewer))
     handled = trials.ends(trials.HANDLED, fewer, seed, shares.next(fewer))
@@ -45,12 +45,12 @@ def pictures(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Pictu
 class _Shares:
     """Splits the progress among parts of known length."""
 
-    def __init__(self, tell: Callable[[float], None], total: int) -> None:
-        self._tell, self._total, self._done = tell, total, 0
+    def __init__(self, progress: Callable[[float], None], total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
 
     def next(self, runs: int) -> Callable[[float], None]:
         begin, self._done = self._done, self._done + runs
-        return lambda share: self._tell((begin + share * runs) / self._total)
+        return lambda share: self._progress((begin + share * runs) / self._total)
 
 
 def _numbers(found: Sequence[End]) -> dict[str, Any]:
@@ -99,19 +99,19 @@ def _vehicle_sheet(found: Sequence[End]) -> Sheet:
     return Sheet("Vehicle", columns, rows)
 
 
-def _correlated_sheet(found: Mapping[Case, Sequence[End]]) -> Sheet:
+def _correlated_sheet(found: Mapping[NoiseCase, Sequence[End]]) -> Sheet:
     columns = (
-        "errors", "told to the filter", "runs", "pingers, median m", "90 % m", "NEES/dim of the pingers", "worst run",
-        "vehicle, RMSE m", "NEES/dim of the vehicle",
+        "errors", "assumed by the filter", "runs", "pingers, median m", "90 % m", "NEES/dim of the pingers",
+        "worst run", "vehicle, RMSE m", "NEES/dim of the vehicle",
     )  # fmt: skip
     return Sheet("Correlated bearings", columns, tuple(_correlated_row(*item) for item in found.items()))
 
 
-def _correlated_row(case: Case, found: Sequence[End]) -> tuple[str, ...]:
+def _correlated_row(case: NoiseCase, found: Sequence[End]) -> tuple[str, ...]:
     distances = [d for e in found for d in e.distance.values()]
     return (
         f"{case.correlation:g} at 10 Hz" if case.correlation else "white",
-        f"{case.told:.2f} s" if case.told else "white",
+        f"{case.assumed:.2f} s" if case.assumed else "white",
         str(len(found)), *_spread(distances), *_shown(_honesty(found, trials.PLACES)),
         f"{np.median([e.rmse for e in found]):.2f}", _shown(_honesty(found, ("vehicle",)))[0],
     )  # fmt: skip
@@ -130,10 +130,10 @@ def _spread(values: Sequence[float]) -> tuple[str, str]:
 _TEXT = """\
 The setting of Choi, Lee, Choi 2016, section 4: IMU at 100 Hz (0.1 m/s², 0.01 rad/s), Doppler log at 5 Hz (0.005 m/s),
 bearings at 10 Hz of three pingers, from the upper left to the lower right and back in 195 s. Bearing errors are white,
-5 degrees (they told their filter 15). Each run draws constant biases: 0.002 rad/s of the gyro, 0.005 m/s of each axis
+5 degrees (their filter assumed 15). Each run draws constant biases: 0.002 rad/s of the gyro, 0.005 m/s of each axis
 of the log. The row of their third pinger repeats the first; ours lies at (8, 16). `{runs}` runs, seed `{seed}`.
 
 NEES is the squared error normalised by the filter's own covariance, per dimension: 1 on average when it is honest. The
 table of correlated bearings has `{fewer}` runs per row of correlated errors, as a bearing filter's output has them:
-ignored, and with the correlation time told.
+ignored, and with their correlation time assumed.
 """

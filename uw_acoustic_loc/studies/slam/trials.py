@@ -6,12 +6,13 @@ import heapq
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ...contract import Event
-from ...core.localizer.triangulation import Fix
-from ...core.slam.filter import Slam, SlamConfig
+from ...core.localizer.triangulation import PlanarFix
+from ...core.slam.config import SlamConfig
+from ...core.slam.filter import Slam, SourceBearing
 from ...core.slam.inertial import YAW
 from ...core.slam.relinearise import SlamPasses
 from ...core.types import Array
@@ -34,16 +35,16 @@ SCENARIO = Scenario(vehicle=_BOAT, pingers=PINGERS, duration=195.0)
 
 
 @dataclass(frozen=True)
-class Case:
-    """The correlation of the bearings' errors, and the correlation time in s that the filter is told."""
+class NoiseCase:
+    """The correlation of the bearings' errors, and the correlation time in s that the filter assumes."""
 
     correlation: float
-    told: float
+    assumed: float
 
 
-WHITE = Case(0.0, 0.0)
-IGNORED = Case(CORRELATION, 0.0)
-HANDLED = Case(CORRELATION, -0.1 / math.log(CORRELATION))
+WHITE = NoiseCase(0.0, 0.0)
+IGNORED = NoiseCase(CORRELATION, 0.0)
+HANDLED = NoiseCase(CORRELATION, -0.1 / math.log(CORRELATION))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +52,13 @@ class Snapshot:
     """The estimate at an instant, in map."""
 
     time: float  # s
-    vehicle: Fix
+    vehicle: PlanarFix
     heading: float  # rad
-    pingers: dict[str, Fix]  # those that are known
+    pingers: dict[str, PlanarFix]  # those that are known
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class SlamRun:
     """One run; everything in map, a snapshot per odometry."""
 
     snapshots: tuple[Snapshot, ...]
@@ -87,41 +88,39 @@ class End:
     drift: float  # m, of the dead reckoning at the end
 
 
-def ends(case: Case, runs: int, seed: int, tell: Callable[[float], None]) -> list[End]:
-    """Runs with a seed of their own each; `tell` gets the share that is done."""
+def ends(case: NoiseCase, runs: int, seed: int, progress: Callable[[float], None]) -> list[End]:
+    """Runs with a seed of their own each; `progress` gets the share that is done."""
     found = []
     for k in range(runs):
         found.append(end(trial(case, k, seed)))
-        tell((k + 1) / runs)
+        progress((k + 1) / runs)
     return found
 
 
-def trial(case: Case, run: int, seed: int) -> Run:
+def trial(case: NoiseCase, run: int, seed: int) -> SlamRun:
     """One run with its history."""
     scenario = replace(SCENARIO, seed=int(np.random.SeedSequence([seed, run]).generate_state(1)[0]))
-    config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.told, range_max=RANGE_MAX)
+    config = SlamConfig(tuple(PLACES), bearing_correlation_time=case.assumed, range_max=RANGE_MAX)
     passes, frame = SlamPasses(config), _Frame()
     heard: dict[str, list[tuple[float, float]]] = {name: [] for name in PLACES}
     snapshots, reckoned, truth = [], [], []
     for t_ns, topic, value in _events(scenario, case):
         time = (t_ns - scenario.start_ns) * 1e-9
-        if topic == "imu/data":
-            passes.on_imu(t_ns, value.angular, value.acceleration)
-        elif topic == "dvl/twist":
-            passes.on_velocity(t_ns, value.linear)
+        if topic in ("imu/data", "dvl/twist"):
+            passes.take(value)
         elif topic == "odometry":
             snapshots.append(frame.snapshot(passes.slam, time))
             reckoned.append(frame.point(value.position[:2]))
         elif topic in _SOURCES:
             heard[_SOURCES[topic]].append((time, value.bearing))
-            passes.on_bearing(_SOURCES[topic], t_ns, value.bearing, value.variance, value.position[:2])
+            passes.take(SourceBearing(_SOURCES[topic], value))
         else:
             truth.append(value.position[:2])
     arrays = {name: np.array(pairs) for name, pairs in heard.items()}
-    return Run(tuple(snapshots), np.array(truth), np.array(reckoned), arrays)
+    return SlamRun(tuple(snapshots), np.array(truth), np.array(reckoned), arrays)
 
 
-def end(run: Run) -> End:
+def end(run: SlamRun) -> End:
     """The last snapshot against the truth."""
     last = run.snapshots[-1]
     fixes = last.pingers
@@ -145,23 +144,23 @@ class _Frame:
     def point(self, xy: Array) -> Array:
         return np.asarray(self._origin + self._rotation @ xy)
 
-    def fix(self, fix: Fix) -> Fix:
-        return Fix(self.point(fix.mean), self._rotation @ fix.cov @ self._rotation.T)
+    def fix(self, fix: PlanarFix) -> PlanarFix:
+        return PlanarFix(self.point(fix.mean), self._rotation @ fix.cov @ self._rotation.T)
 
     def snapshot(self, slam: Slam, time: float) -> Snapshot:
-        joint = slam.settled()
-        mean, cov = joint.mean, joint.cov
+        slam.settle()
+        mean, cov = slam.joint.mean, slam.joint.cov
         known = {name: slam.position(name) for name in PLACES}
         pingers = {name: self.fix(fix) for name, fix in known.items() if fix is not None}
-        return Snapshot(time, self.fix(Fix(mean[:2], cov[:2, :2])), float(mean[YAW]) + self._yaw, pingers)
+        return Snapshot(time, self.fix(PlanarFix(mean[:2], cov[:2, :2])), float(mean[YAW]) + self._yaw, pingers)
 
 
-def _events(scenario: Scenario, case: Case) -> Iterator[Event]:
+def _events(scenario: Scenario, case: NoiseCase) -> Iterator[tuple[int, str, Any]]:
     heard = bearings(scenario, STD, case.correlation)
     return heapq.merge(VehicleSource(scenario).events(), heard, key=lambda event: event[0])
 
 
-def _nees(fix: Fix, true: Array) -> float:
+def _nees(fix: PlanarFix, true: Array) -> float:
     error = fix.mean - true
     return float(error @ np.linalg.solve(fix.cov, error)) / 2
 

@@ -8,7 +8,7 @@ from ...core.toa.config import ToaConfig
 from ...core.toa.model import STATES, process_noise
 from ...core.types import Array
 
-_ORDER = [0, 1, 2, 6, 3, 4, 5]  # inside: position and sound speed first, of which alone the arrivals tell
+_ORDER = [0, 1, 2, 6, 3, 4, 5]  # inside: position and sound speed first, which alone the arrivals observe
 _BACK = [0, 1, 2, 4, 5, 6, 3]
 _P, _SEEN, _V = slice(0, 3), slice(0, 4), slice(4, 7)
 

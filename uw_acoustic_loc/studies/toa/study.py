@@ -23,11 +23,11 @@ GATES = {"no gate": 1e6, "gate of 2 sigma": 2.0}  # of the filter as published
 Results = Mapping[str, Result]  # by variant
 
 
-def measure(runs: int, seed: int, tell: Callable[[float], None]) -> Outcome:
-    """Numbers and tables; `tell` gets the share that is done."""
+def measure(runs: int, seed: int, progress: Callable[[float], None]) -> Outcome:
+    """Numbers and tables; `progress` gets the share that is done."""
     results: dict[str, Result] = {}
     for name, variant in trials.VARIANTS.items():
-        results[name] = trials.trial(variant, runs, seed, partial(_tell, tell, len(results)))
+        results[name] = trials.trial(variant, runs, seed, partial(_part, progress, len(results)))
     numbers = {name: result.numbers for name, result in results.items()}
     return Outcome(numbers, dict(_sheets(results, runs, seed)), _TEXT.format(runs=runs, seed=seed))
 
@@ -39,8 +39,8 @@ def pictures(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Pictu
     return draw(seed)
 
 
-def _tell(tell: Callable[[float], None], done: int, share: float) -> None:
-    tell((done + share) / len(trials.VARIANTS))
+def _part(progress: Callable[[float], None], done: int, share: float) -> None:
+    progress((done + share) / len(trials.VARIANTS))
 
 
 def _sheets(results: Results, runs: int, seed: int) -> Iterator[tuple[str, Sheet]]:

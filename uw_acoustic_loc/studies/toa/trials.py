@@ -15,7 +15,7 @@ from ...config import changed, configured
 from ...core.toa.bound import PingNoise, track_bound
 from ...core.toa.config import ToaConfig
 from ...core.toa.model import BIAS_STD
-from ...core.toa.paths import Net, make_net
+from ...core.toa.paths import ReceiverNet, make_net
 from ...core.toa.solver import cold_prior
 from ...core.toa.tracker import ToaTracker
 from ...core.types import Array, Arrivals
@@ -60,7 +60,7 @@ class Variant:
         )
 
     @property
-    def net(self) -> Net:
+    def net(self) -> ReceiverNet:
         """The buoys with the images of the paths that are heard."""
         return make_net(IDS, BUOYS, self.config.water.bottom_depth)
 
@@ -107,7 +107,7 @@ def arrivals(variant: Variant, states: Array, rng: np.random.Generator) -> list[
     return [Arrivals(round((1 + k * DT) * 1e9), receiver, path, heard, same, same) for k, heard in enumerate(time)]
 
 
-def trial(variant: Variant, runs: int, seed: int, tell: Callable[[float], None]) -> Result:
+def trial(variant: Variant, runs: int, seed: int, progress: Callable[[float], None]) -> Result:
     """The node's own tracker on every run. The random numbers of truth and start are the same for all variants."""
     truth = truths(runs, seed)
     mean, cov = np.full(truth.shape, np.nan), np.full((*truth.shape, 7), np.nan)
@@ -116,7 +116,7 @@ def trial(variant: Variant, runs: int, seed: int, tell: Callable[[float], None])
         for k, heard in enumerate(_heard(variant, states, run, seed)):
             if estimate := tracker.update(heard):
                 mean[run, k], cov[run, k] = estimate.mean, estimate.cov
-        tell((run + 1) / runs)
+        progress((run + 1) / runs)
     return Result(truth, mean, cov, bound(variant, truth))
 
 

@@ -1,0 +1,1 @@
+"""A bearing from four hydrophones: another package's stage of uw_acoustic_loc."""
