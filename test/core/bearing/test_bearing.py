@@ -148,7 +148,7 @@ def test_the_cloud_is_small_and_lies_around_the_bearing():
     assert 100 < cloud.x.size <= 200
     assert cloud.weight.sum() == pytest.approx(1.0)
     port = cloud.y > 0
-    assert cloud.weight[port].sum() == pytest.approx(0.5)
+    assert 0.3 < cloud.weight[port].sum() < 0.7
     near = np.abs(np.arctan2(cloud.y, cloud.x) - 1.0) < 0.02
     assert cloud.weight[near].sum() > 0.5 * cloud.weight[port].sum()
     assert bearings(CONFIG, [])[1].cloud(0, T0) is None

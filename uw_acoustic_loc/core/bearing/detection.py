@@ -26,7 +26,8 @@ _QUANTILES = 1.12  # standard deviations between them
 _MODULATED = 6.0  # standard deviations of the noise's own level that a ping stands out of
 _HEADROOM = 6.0  # dB
 _PARTS = 8  # of a window, of which the quieter half must be loud too
-_LASTING = 0.6  # of the threshold, that the quieter half must reach
+_LASTING = 0.6  # of the window's own level, that the quieter half must reach
+_HALF_NORMAL = 0.8  # standard deviations by which the lower half of a normal distribution lies below its mean
 _CONCENTRATED = 0.75  # of a tone's energy in a quarter of its window: a burst that is too short
 _FLOOR_TIME = 2.0  # s over which the noise floor adapts
 _FEWEST = 8  # samples of a window in which tones are looked for
@@ -132,7 +133,7 @@ class PingDetector:
         quieter, quiet = np.partition(level, ranks, axis=1)[:, ranks].T
         share = min(1.0, envelopes.values.shape[2] / envelopes.rate / _FLOOR_TIME)
         steady = 1.3 * _VAR_LOG * envelopes.rate / (window * envelopes.noise_width)
-        spread = np.maximum(np.square((quiet - quieter) / _QUANTILES) - steady, 0.0)
+        spread = np.square((quiet - quieter) / _QUANTILES) - steady  # of single blocks also negative
         self._spread += share * (spread - self._spread)
         new = np.isnan(self._floor)
         self._floor = np.where(new, quiet, self._floor + share * (quiet - self._floor))
@@ -176,7 +177,7 @@ class PingDetector:
         ]
         cap = block.floor + max(w.excess for w in windows) + _HEADROOM / DB
         level = np.minimum(block.level, np.float32(cap))
-        modulated = _MODULATED**2 * self._spread.item(block.band)
+        modulated = _MODULATED**2 * max(self._spread.item(block.band), 0.0)
         for k, window in enumerate(windows):
             over = _means(level, window.size)[:count] - block.floor
             limit = np.full(count, math.sqrt(window.excess**2 + modulated))
@@ -284,17 +285,18 @@ def _take_larger(excess: Array, sizes: Array, other: Array, size: int, hop: int)
 
 
 def _lasts(block: Block, start: int, size: int, tone: bool) -> bool:
-    """Whether the energy of a window is spread over it."""
-    edges = np.arange(min(_PARTS, size) + 1) * size // min(_PARTS, size) + start
-    parts = np.add.reduceat(block.energy[: start + size], edges[:-1])
-    quarter = np.sort(parts)[-(len(parts) // 4) :]
+    """Whether the energy of a window is spread over its parts: the quieter half, as noise goes, is loud too."""
+    count = min(_PARTS, size)
+    parts = np.add.reduceat(block.energy[: start + size], np.arange(count) * size // count + start)
+    if np.sort(parts)[-(count // 4) :].sum() > _CONCENTRATED * parts.sum():
+        return False
     if tone:
-        return bool(quarter.sum() < _CONCENTRATED * parts.sum())
-    logs = np.sort(np.add.reduceat(block.level[: start + size], edges[:-1]) / np.diff(edges))[: len(parts) // 2]
-    return bool(
-        logs.mean() - block.floor > _LASTING * (block.level[start : start + size].mean() - block.floor)
-        and quarter.sum() < _CONCENTRATED * parts.sum()
-    )
+        return True
+    edges = np.arange(count + 1) * size // count + start
+    quieter = np.sort(np.add.reduceat(block.level[: start + size], edges[:-1]) / np.diff(edges))[: count // 2].mean()
+    mean = block.level[start : start + size].mean()
+    by_noise = _HALF_NORMAL * math.sqrt(_VAR_LOG * count * block.rate / (size * block.width))
+    return bool(quieter - block.floor > _LASTING * (mean - block.floor) - by_noise)
 
 
 def _means(level: AnyArray, window: int) -> Array:

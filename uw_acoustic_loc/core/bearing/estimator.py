@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry import wrap_angle
 from ..types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
-from .array_motion import ArrayMotion, Step
+from .array_motion import ArrayMotion, Displacement
 from .config import BearingConfig
 from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance, lobe_width
 from .hydrophone_health import HydrophoneHealth
@@ -124,10 +124,10 @@ class BearingEstimator:
             return LastPeak(c.array.sides[0])
         lobe = lobe_width(self._info.spacing, self._sound_speed, sum(c.bands[source]) / 2)
         if c.filter == "histogram":
-            return HistogramFilter(self._info.spacing, self._sound_speed, lobe)
+            return HistogramFilter(self._info.spacing, self._sound_speed, lobe, c.array.sides)
         rng = np.random.default_rng([c.seed, source])
         ranges = (c.source.range_min, c.source.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe)
+        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides)
 
     def _successor(self, source: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
@@ -183,7 +183,7 @@ class BearingEstimator:
         track.filter.predict(step.turn, step.move, spread)
         track.state_ns = t_ns
 
-    def _unmodelled(self, track: SourceTrack, step: Step, dt: float) -> float:
+    def _unmodelled(self, track: SourceTrack, step: Displacement, dt: float) -> float:
         """rad/s, of what the motion model leaves out: the unknown range, and a source that lies deeper.
 
         Particles have ranges. Where there is no cycle to be lost it costs nothing to allow for a source near and below.

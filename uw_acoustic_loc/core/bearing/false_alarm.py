@@ -13,7 +13,7 @@ from functools import lru_cache
 from scipy.optimize import brentq
 from scipy.special import gammaln, polygamma, psi
 
-_CLUSTER = 30.0  # windows that pass by chance per independent one: a sliding mean has many tries (Aldous 1989)
+_CLUSTER = 24.0  # windows that pass by chance per independent one: a sliding mean has many tries (Aldous 1989)
 _STEEPEST = 1e4  # of the tilt of a distribution
 MEAN_LOG = float(psi(2.0))  # of |n0|^2 + |n1|^2 in noise of power 1 per channel
 

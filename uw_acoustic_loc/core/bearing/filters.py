@@ -1,7 +1,8 @@
 """Filters that carry what pings say about the TDOA from one to the next.
 
 They estimate the angle theta in [0, pi] between the array's +x and the source. A turn of the vehicle makes it larger or
-smaller, as the source lies to starboard or to port, so both sides are carried until turns have settled it.
+smaller, as the source lies to starboard or to port. A filter begins on the assumed side, or with equal shares on both
+until turns have settled it; a source that does not follow the assumed side's motion is found on the other.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class LastPeak:
 class HistogramFilter:
     """Posterior over TDOAs at equal steps of angle, so that the vehicle's turn is a shift (Choi et al. 2016, eq. 5)."""
 
-    def __init__(self, spacing: float, sound_speed: float, lobe: float = _LOBE) -> None:
+    def __init__(
+        self, spacing: float, sound_speed: float, lobe: float = _LOBE, sides: tuple[int, ...] = (1, -1)
+    ) -> None:
         self._lobe = lobe
         half = round(math.pi / _BIN)
         self._theta = np.linspace(0.0, math.pi, half + 1)
@@ -65,7 +68,8 @@ class HistogramFilter:
             np.arange(2 * half) - half
         )  # bin of the half circle, to which a bin of the circle belongs
         self._tdoas = spacing / sound_speed * np.cos(self._theta)
-        self._p = np.full(2 * half, 1.0 / (2 * half))  # over the circle, from -pi
+        port = np.arange(2 * half) >= half
+        self._p = _normalised(np.where(port, 1 in sides, -1 in sides).astype(np.float64))  # over the circle, from -pi
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         """The array turns by `turn`; the effect of its `move` is in the spread, the range being unknown."""
@@ -111,13 +115,15 @@ class ParticleFilter:
         count: int,
         rng: np.random.Generator,
         lobe: float = _LOBE,
+        sides: tuple[int, ...] = (1, -1),
     ) -> None:
+        self._sides = sides
         self._lobe, self._bins = lobe, math.ceil(2.0 * math.pi / lobe) + 3  # half a lobe each
         self._spacing, self._sound_speed, self._ranges, self._rng = spacing, sound_speed, ranges, rng
         self._most = count
         self._noises = rng.standard_normal(max(_NOISES, 2 * count), np.float32)
         self._pings = 0
-        self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)))
+        self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)), sides)
         self._weights = np.full(count, 1.0 / count, np.float32)  # no logarithms: a ping's floor bounds their ratios
         self._pending = self._outward = 0.0  # rad^2, of motion noise that waits for the ping, and for resampling
         self._started = False
@@ -144,7 +150,7 @@ class ParticleFilter:
     def update(self, likelihood: PeakLikelihood) -> None:
         """Weighs, after resampling when fewer than a quarter of the particles count."""
         if not self._started:
-            self._xy = self._placed(likelihood.draw(self._weights.size, self._rng) / likelihood.max_lag)
+            self._xy = self._placed(likelihood.draw(self._weights.size, self._rng) / likelihood.max_lag, self._sides)
             self._started = True
         else:
             self._resample_if_poor()
@@ -212,13 +218,13 @@ class ParticleFilter:
         self._xy[:, fresh] = self._placed(likelihood.draw(count, self._rng) / likelihood.max_lag)
         self._weights[fresh] = _SEARCH * _LOST / (2.0 * likelihood.max_lag * count)  # evidence of a source anywhere
 
-    def _placed(self, cosines: Array) -> AnyArray:
-        """(2, n) even over the plane between the ranges, in given directions."""
+    def _placed(self, cosines: Array, sides: tuple[int, ...] = (1, -1)) -> AnyArray:
+        """(2, n) even over the plane between the ranges, in given directions to port (1), starboard (-1) or both."""
         near, far = self._ranges
         r = np.sqrt(self._rng.uniform(near**2, far**2, cosines.size))
         xy = np.empty((2, r.size), np.float32)
         xy[0], xy[1] = r * cosines, r * np.sqrt(1.0 - cosines * cosines)
-        xy[1, 1::2] *= -1.0
+        xy[1] *= np.resize(np.repeat(sides, 2), r.size)
         return xy
 
     def _resample_if_poor(self) -> None:

@@ -153,7 +153,8 @@ class Listener:
         lobes = self.lobes(source)
         choice = self.ears[source].arrival.choose(found, frequency, lobes)
         lengths = (*self._gates, self._pulse)
-        snr = found[-1].snr * (1.0 + 2.0 * _GUARD) * self._pulse / ping.length
+        overall = found[-1].snr * (1.0 + 2.0 * _GUARD + self._max_lag / self._pulse)
+        snr = max(overall, *(part.snr for part in found[:-1]), 1e-30)
         best = best_window(found, choice.index, lobes)
         return Heard(
             source,
@@ -161,7 +162,7 @@ class Listener:
             best,
             lengths[choice.index],
             choice.echo_std / (2.0 * math.pi * frequency),
-            DB * math.log(max(snr, 1e-30)),
+            DB * math.log(snr),
         )
 
     def _ear(self) -> Ear:
