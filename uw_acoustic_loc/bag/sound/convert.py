@@ -136,7 +136,8 @@ def _pressure(samples: AnyArray, full_scale: float) -> AnyArray:
 def _checked(path: Path, channels: list[int]) -> Sound:
     sound = open_sound(path)
     if max(channels) >= sound.channels:
-        raise ValueError(f"{path} must have channels {channels}, it has {sound.channels}, counted from 0")
+        hint = "; give two files of one channel each as --channels AFT,FORE" if sound.channels == 1 else ""
+        raise ValueError(f"{path} must have channels {channels}, counted from 0, it has {sound.channels}{hint}")
     if (bad := first_bad_sample(sound, channels)) is not None:
         raise ValueError(f"{path} must have finite samples, sample {bad} is not")
     return sound
