@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ..types import AnyArray
 from .paths import Epoch
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """The last messages of one receiver and path."""
 
     rejected: int  # in a row
@@ -31,7 +31,7 @@ class Agreement:
             verdicts = dict(zip((4 * epoch.receiver + epoch.path).tolist(), accepted.tolist(), strict=True))
         else:
             agreeing = set(used.receiver[accepted].tolist())
-            verdicts = {4 * receiver: receiver in agreeing for receiver in epoch.receiver.tolist()}
+            verdicts = {4 * receiver: receiver in agreeing for receiver in epoch.receivers}
         return Agreement({**self.records, **{key: self._record(key, epoch.t_ns, ok) for key, ok in verdicts.items()}})
 
     def lost(self, times: int) -> bool:
@@ -64,8 +64,8 @@ def last_rounds(epochs: tuple[Epoch, ...], rounds: int) -> tuple[Epoch, ...]:
     seen: set[int] = set()
     count, kept = 1, 0
     for epoch in reversed(epochs[-_MOST * rounds :]):
-        receivers = set(epoch.receiver.tolist())
-        if seen & receivers:
+        receivers = epoch.receivers
+        if not seen.isdisjoint(receivers):
             count, seen = count + 1, set()
         if count > rounds:
             break
