@@ -16,6 +16,11 @@ _REDRAW_S = 0.1
 _COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright_green", "bright_yellow", "bright_blue")
 
 
+def say(sentence: str) -> None:
+    """Prints a sentence on stderr as it is: in one line, however narrow the terminal, and brackets are no styles."""
+    STDERR.print(sentence, markup=False, soft_wrap=True)
+
+
 @contextmanager
 def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
     """Shows a bar over seconds of the scenario or bag; gives the function that sets it. Silent without a terminal.
@@ -75,4 +80,4 @@ class NodeLog:
     def __call__(self, name: str, line: str) -> None:
         colour = self._colours.setdefault(name, _COLOURS[len(self._colours) % len(_COLOURS)])
         STDERR.print(f"[{colour}]\\[{name.lstrip('/')}][/{colour}] ", end="")
-        STDERR.print(line, markup=False, soft_wrap=True)
+        say(line)
