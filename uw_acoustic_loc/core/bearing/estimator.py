@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -50,11 +51,12 @@ class BearingEstimator:
 
     def __init__(self, config: BearingConfig, info: HydrophoneInfo) -> None:
         check_info(info)
+        info = replace(info, spacing=info.spacing * config.array.spacing_scale)
         self._config, self._info = config, info
         self._sound_speed = config.array.sound_speed or info.sound_speed
         max_lag = info.spacing / self._sound_speed
         timing, pulse_length = config.timing(self._sound_speed), config.detection.pulse_length
-        self.listener = Listener(info, config.bands, max_lag, pulse_length, timing)
+        self.listener = Listener(info, config.bands, max_lag, pulse_length, timing, config.electronics)
         sides, sources = config.array.sides, range(len(config.bands))
         self.tracks = [SourceTrack({side: self._filter(k, side) for side in sides}) for k in sources]
         self._max_lag = max_lag

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..types import AnyArray, HydrophoneInfo, Samples
 from .clicks import click_block, limit_clicks
+from .config import Electronics
 from .gcc import BandSplitter, Correlation, Correlator, Envelopes, Piece
 from .ping import DB, FrameJoiner, Ping, PingDetector, log_energies
 from .ping_schedule import PingSchedule, Timing
@@ -58,7 +59,9 @@ class Listener:
         max_lag: float,
         pulse_length: float,
         timing: Timing,
+        electronics: Electronics = Electronics(),
     ) -> None:
+        self._electronics = electronics
         self._info, self._bands, self._max_lag, self._pulse = info, tuple(bands), max_lag, pulse_length
         self._joiner = FrameJoiner(info.sample_rate, _TAIL * pulse_length)
         self._timing = timing
@@ -129,7 +132,7 @@ class Listener:
 
     def _plan(self) -> None:
         low, high = np.array(self._bands).T
-        self._splitter = BandSplitter(self._info.sample_rate, low, high, self._length)
+        self._splitter = BandSplitter(self._info.sample_rate, low, high, self._length, self._electronics)
         length = math.ceil((1.0 + 2.0 * _GUARD) * self._pulse * self._splitter.rate) + 2
         self._correlator = Correlator(self._splitter, length, self._max_lag)
 
