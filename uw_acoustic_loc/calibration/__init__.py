@@ -1,1 +1,1 @@
-"""What a recorded run says of a pair of hydrophones: delay offset, spacing, yaw and polarity, as docs/calibration.md."""
+"""A pair of hydrophones as a recorded run shows it: delay offset, spacing, yaw and polarity."""

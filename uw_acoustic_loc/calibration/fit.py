@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from ..core.geometry import wrap_angle
-from ..core.types import Array
+from ..core.types import AnyArray, Array
 from .model import Pair, jacobian, predicted
 from .observed import Maxima, Observed, ObservedPing
 from .search import starts
@@ -20,6 +21,7 @@ SCALE_STD, YAW_STD = 0.1, 2.0  # 1 and rad, beforehand: so wide that the data de
 _REJECTED = 4.0  # robust standard deviations beyond which a ping is left out
 _ROUNDS = 6
 _STEPS = 25  # of each round's fit
+_Loss = Literal["linear", "cauchy"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +31,10 @@ class Fit:
     opposite: bool
     values: Array  # (3 + 3 S,) PAIR, then x, y and square of depth of every source
     cov: Array  # of them; 0 where a value is held
-    cost: float  # minus log-likelihood, over all pings
+    cost: float  # minus log-posterior, but for what all fits share
     tdoas: Array  # (n,) s, the maxima that belong to the pings
     residuals: Array  # (n,) s
-    used: Array  # (n,) bool
+    used: AnyArray  # (n,) bool
     scatter: float  # residuals over the standard deviations that noise and phase_std explain
     memory: float  # pings over which errors are alike
 
@@ -40,6 +42,11 @@ class Fit:
     def pair(self) -> Pair:
         """The estimates that the bearing node takes."""
         return Pair(*self.values[:3])
+
+    @property
+    def invert(self) -> str:
+        """The parameter of that name; which of the two channels it is, sound cannot say."""
+        return "h1" if self.opposite else "none"
 
     @property
     def stds(self) -> Array:
@@ -98,7 +105,7 @@ class _Problem:
     def solve(self, start: Array) -> Fit:
         """Assigns maxima and fits them in turn; the loss of far ones is bounded until the last rounds."""
         values, scale, memory = start.copy(), 1.0, 1.0
-        for k in range(_ROUNDS):
+        for _ in range(_ROUNDS):
             chosen = self._chosen(values, scale)
             values = self._fitted(values, chosen, np.ones(chosen.size, bool), scale, "cauchy")
         for _ in range(3):
@@ -117,7 +124,7 @@ class _Problem:
             self.opposite,
             values,
             cov,
-            self._cost(values, scale),
+            self._cost(values, scale, memory),
             chosen,
             scaled * np.concatenate(self._stds),
             used,
@@ -142,20 +149,22 @@ class _Problem:
         best = [loss.argmin(axis=1) for loss in self._losses(values, scale)]
         return np.concatenate([t[np.arange(len(k)), k] for t, k in zip(self._tdoas, best, strict=True)])
 
-    def _cost(self, values: Array, scale: float) -> float:
-        """Of all pings, none of which counts for more than an outlier."""
+    def _cost(self, values: Array, scale: float, memory: float) -> float:
+        """Of all pings, none of which counts for more than an outlier, and of what was assumed beforehand."""
         losses = np.concatenate([loss.min(axis=1) for loss in self._losses(values, scale)])
-        return float(np.minimum(losses, 0.5 * _REJECTED**2).sum()) + losses.size * math.log(scale)
+        off = (values - self._prior)[self.free] / self._prior_std[self.free]
+        pings = float(np.minimum(losses, 0.5 * _REJECTED**2).sum()) + losses.size * math.log(scale)
+        return pings / memory + 0.5 * float(off @ off)
 
     def _scaled(self, values: Array, chosen: Array) -> Array:
         return np.asarray((chosen - np.concatenate(self._model(values))) / np.concatenate(self._stds))
 
-    def _residuals(self, values: Array, chosen: Array, used: Array, scale: float) -> Array:
+    def _residuals(self, values: Array, chosen: Array, used: AnyArray, scale: float) -> Array:
         free = self.free
         prior = (values[free] - self._prior[free]) / self._prior_std[free]
         return np.concatenate([self._scaled(values, chosen)[used] / scale, prior])
 
-    def _fitted(self, values: Array, chosen: Array, used: Array, scale: float, loss: str) -> Array:
+    def _fitted(self, values: Array, chosen: Array, used: AnyArray, scale: float, loss: _Loss) -> Array:
         full = values.copy()
 
         def residuals(part: Array) -> Array:
@@ -173,18 +182,20 @@ class _Problem:
         full[self.free] = found.x
         return full
 
-    def _jacobian(self, values: Array, used: Array, scale: float) -> Array:
+    def _jacobian(self, values: Array, used: AnyArray, scale: float) -> Array:
         """Of `_residuals`."""
         pair, places = Pair(*values[:3]), values[3:].reshape(-1, 3)
         rows = np.zeros((used.size, values.size))
         begin = 0
         for k, (source, place, std) in enumerate(zip(self._sources, places, self._stds, strict=True)):
             own = jacobian(source.poses, pair, place) / -(scale * std[:, None])
-            rows[begin : begin + len(own), :3], rows[begin : begin + len(own), 3 + 3 * k : 6 + 3 * k] = np.hsplit(own, 2)
+            rows[begin : begin + len(own), :3], rows[begin : begin + len(own), 3 + 3 * k : 6 + 3 * k] = np.hsplit(
+                own, 2
+            )
             begin += len(own)
         return np.vstack([rows[used][:, self.free], np.diag(1.0 / self._prior_std[self.free])])
 
-    def _cov(self, values: Array, used: Array, scale: float) -> Array:
+    def _cov(self, values: Array, used: AnyArray, scale: float) -> Array:
         """Inverse of the information of residuals and priors."""
         std = self._prior_std[self.free]
         whitened = self._jacobian(values, used, scale) * std

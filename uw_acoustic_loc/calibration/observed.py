@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -102,6 +102,8 @@ _Both = tuple[int, int, Correlation, Correlation]  # source, stamp, and as heard
 class _Recorder(Stage):
     """Has the inputs of the bearing node, and keeps what they say of the pings."""
 
+    Config: ClassVar[type] = BearingConfig
+
     def __init__(self, stage: BearingStage) -> None:
         self._stage, self._config = stage, stage.config
         self.info: HydrophoneInfo | None = None
@@ -112,12 +114,22 @@ class _Recorder(Stage):
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        handlers = {HydrophoneInfo: self._on_info, Odometry: self._on_odometry, Samples: self._on_samples}
+        handlers: dict[type, Callable[[Any], Iterator[Emission]]] = {
+            HydrophoneInfo: self._on_info,
+            Odometry: self._on_odometry,
+            Samples: self._on_samples,
+        }
         return tuple(replace(i, handle=handlers[i.kind]) for i in self._stage.inputs)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
         return ()
+
+    def check(self, config: BearingConfig) -> None:
+        """Nothing changes within a run."""
+
+    def change(self, config: BearingConfig) -> None:
+        """As `check`."""
 
     def _on_info(self, info: HydrophoneInfo) -> Iterator[Emission]:
         """The array is taken to be wider than it is: offsets move maxima beyond the largest lag."""
@@ -167,7 +179,9 @@ def _poses(recorder: _Recorder, bag: Bag | RemappedBag) -> Iterator[tuple[Array,
     return zip(positions, turns(at).as_matrix() if len(at) else (), strict=True)
 
 
-def _ping(source: int, _t_ns: int, alike: Correlation, opposite: Correlation, place: Array, turn: Array) -> ObservedPing:
+def _ping(
+    source: int, _t_ns: int, alike: Correlation, opposite: Correlation, place: Array, turn: Array
+) -> ObservedPing:
     best = max(float(alike.values.max()), float(opposite.values.max()))
     return ObservedPing(source, place, turn, _maxima(alike, best), _maxima(opposite, best))
 

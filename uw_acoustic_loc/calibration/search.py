@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..core.types import Array
+from ..core.types import AnyArray, Array
 from .model import Pair, predicted
 from .sources import SourceData
 
@@ -21,7 +21,7 @@ _STARTS = 4
 
 
 def starts(
-    prior: Array, free: Array, sources: Sequence[SourceData], tdoas: Sequence[Array], costs: Sequence[Array]
+    prior: Array, free: AnyArray, sources: Sequence[SourceData], tdoas: Sequence[Array], costs: Sequence[Array]
 ) -> Iterator[Array]:
     """Values to begin with, the likeliest first: PAIR, then the place of each source.
 
@@ -35,7 +35,7 @@ def starts(
         _table(source, found, cost, yaws, offsets, prior[1])
         for source, found, cost in zip(sources, tdoas, costs, strict=True)
     ]
-    total = sum(cost for cost, _ in tables)
+    total = np.sum([cost for cost, _ in tables], axis=0)
     for _ in range(min(_STARTS, total.size)):
         k, j = divmod(int(total.argmin()), offsets.size)
         if not np.isfinite(total[k, j]):

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from ..version import __version__
 from .commands import (
+    calibrate,
     check,
     convert_wav,
     demo,
@@ -35,6 +36,7 @@ COMMANDS = {
     "info": info,
     "check": check,
     "reproduce": reproduce,
+    "calibrate": calibrate,
     "plan": plan,
     "convert-wav": convert_wav,
 }

@@ -74,6 +74,9 @@ class Electronics:
         return -1 if self.invert == "h0" else 1, -1 if self.invert == "h1" else 1
 
 
+ALIKE = Electronics()
+
+
 @dataclass(frozen=True)
 class BearingNoise:
     """What is wrong with each bearing."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..types import AnyArray, Array
-from .config import Electronics
+from .config import ALIKE, Electronics
 from .weighting import SILENCE, bin_weights
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -52,7 +52,7 @@ class BandSplitter:
         band_low: Array,
         band_high: Array,
         length: int,
-        electronics: Electronics = Electronics(),
+        electronics: Electronics = ALIKE,
     ) -> None:
         for low, high in zip(band_low, band_high, strict=True):
             if not 0 < low < high < sample_rate / 2:

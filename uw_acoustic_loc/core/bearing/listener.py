@@ -10,7 +10,7 @@ import numpy as np
 
 from ..types import AnyArray, HydrophoneInfo, Samples
 from .clicks import click_block, limit_clicks
-from .config import Electronics
+from .config import ALIKE, Electronics
 from .gcc import BandSplitter, Correlation, Correlator, Envelopes, Piece
 from .ping import DB, FrameJoiner, Ping, PingDetector, log_energies
 from .ping_schedule import PingSchedule, Timing
@@ -59,7 +59,7 @@ class Listener:
         max_lag: float,
         pulse_length: float,
         timing: Timing,
-        electronics: Electronics = Electronics(),
+        electronics: Electronics = ALIKE,
     ) -> None:
         self._electronics = electronics
         self._info, self._bands, self._max_lag, self._pulse = info, tuple(bands), max_lag, pulse_length
