@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from known_run import START_NS, t_ns, write_bag
+from test.known_run import START_NS, t_ns, write_bag
 
 from uw_acoustic_loc.core.geometry import quat_from_rpy, rotation_from_rpy
 from uw_acoustic_loc.core.types import HydrophoneInfo, Odometry, Samples
@@ -22,7 +22,7 @@ RATE, SOUND_SPEED, FRAME = 200e3, 1500.0, 0.05  # Hz, m/s, s
 
 @dataclass(frozen=True)
 class Run:
-    """`turn` is by how much the vehicle turns on its way, with a swing of roll and pitch; `spacing` is the nominal one."""
+    """The vehicle turns by `turn` on its way and swings in roll and pitch; `spacing` is the nominal one."""
 
     seed: int
     delay: float = 0.0  # s, of h0
@@ -57,11 +57,11 @@ class Run:
             yield t_ns(time), "/auv1/odometry", Odometry(t_ns(time), place, quat_from_rpy(*rpy), still, still)
         rng = np.random.default_rng([self.seed, 5])
         for k in range(self.pings):
-            yield from self._frames(1.0 + 1.5 * k, rng)
+            yield from self._frames(0.2 + 1.5 * k, rng)
 
     @property
     def duration(self) -> float:
-        return 1.5 * self.pings + 1.5
+        return 1.5 * self.pings
 
     def pose(self, time: float) -> tuple[np.ndarray, tuple[float, float, float]]:
         """Of base_link: an arc that bends evenly."""
@@ -76,9 +76,8 @@ class Run:
 
     def _frames(self, emission: float, rng: np.random.Generator) -> Iterator[tuple[int, str, Samples]]:
         """Three, with the ping in the second: the node learns its noise from the first."""
-        place, rpy = self.pose(
-            emission + np.linalg.norm(np.subtract(self.pinger, self.pose(emission)[0])) / SOUND_SPEED
-        )
+        under_way = float(np.linalg.norm(np.subtract(self.pinger, self.pose(emission)[0]))) / SOUND_SPEED
+        place, rpy = self.pose(emission + under_way + 0.5 * self.pulse)
         axis = rotation_from_rpy(*rpy) @ np.array([math.cos(self.yaw), math.sin(self.yaw), 0.0])
         arms = [side * self.scale * self.spacing / 2 * axis for side in (-1, 1)]
         times = [emission + float(np.linalg.norm(np.subtract(self.pinger, place + arm))) / SOUND_SPEED for arm in arms]

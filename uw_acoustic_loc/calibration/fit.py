@@ -43,6 +43,10 @@ class Fit:
         """The estimates that the bearing node takes."""
         return Pair(*self.values[:3])
 
+    def delayed(self, by: float) -> Array:
+        """The values with another delay offset."""
+        return np.concatenate([[self.values[0] + by], self.values[1:]])
+
     @property
     def invert(self) -> str:
         """The parameter of that name; which of the two channels it is, sound cannot say."""
@@ -60,13 +64,24 @@ def fits(seen: Observed, sources: Sequence[SourceData], known: Known) -> list[Fi
     found: list[Fit] = []
     for problem in problems:
         for start in problem.starts():
-            fit = problem.solve(start)
-            same = [k for k, f in enumerate(found) if f.opposite == fit.opposite and _alike(f, fit, problem.cycle)]
-            if not same:
-                found.append(fit)
-            elif fit.cost < found[same[0]].cost:
-                found[same[0]] = fit
+            _keep(found, problem.solve(start), problem.cycle)
+    best = min(found, key=lambda fit: fit.cost)
+    for problem in problems if problems[0].free[0] else ():
+        for cycles in _CYCLES[problem.opposite != best.opposite]:
+            _keep(found, problem.solve(best.delayed(cycles * problem.cycle)), problem.cycle)
     return sorted(found, key=lambda fit: fit.cost)
+
+
+_CYCLES = {False: (-1.0, 1.0), True: (-0.5, 0.5)}  # of the carrier, to fits that are as good for a pure tone
+
+
+def _keep(found: list[Fit], fit: Fit, cycle: float) -> None:
+    """Adds a fit, or puts it in the place of a worse one that is the same solution."""
+    same = [k for k, f in enumerate(found) if f.opposite == fit.opposite and _alike(f, fit, cycle)]
+    if not same:
+        found.append(fit)
+    elif fit.cost < found[same[0]].cost:
+        found[same[0]] = fit
 
 
 def _alike(a: Fit, b: Fit, cycle: float) -> bool:

@@ -17,7 +17,7 @@ _NEAREST = 1.0  # m, of a pinger
 _PINGS = 40  # of a source that are looked at
 _LIKELIEST = 3  # maxima of each
 _OUTLIER = 4.0  # largest cost of a ping
-_STARTS = 4
+_STARTS = 3
 
 
 def starts(
