@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from test.known_run import START_NS, t_ns, write_bag
 
+from test.known_run import START_NS, t_ns, write_bag
 from uw_acoustic_loc.core.geometry import quat_from_rpy, rotation_from_rpy
 from uw_acoustic_loc.core.types import HydrophoneInfo, Odometry, Samples
 

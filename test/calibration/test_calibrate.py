@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test.calibration.clear_water import Run, drawn
 from scipy.stats import chi2
 
+from test.calibration.clear_water import Run, drawn
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.calibration.model import Pair, Poses, jacobian, predicted
 from uw_acoustic_loc.calibration.observed import observe

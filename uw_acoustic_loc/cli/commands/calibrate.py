@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bag_and_graph import add_bag_and_graph, open_bag
-from ..console import STDERR, damage_code, progress
+from ..console import damage_code, progress
+from .process import Refusals
 
 if TYPE_CHECKING:
     from ...calibration.sources import Known
@@ -46,14 +48,16 @@ def run(options: Namespace) -> int:
 
     bag, node, known = open_bag(options.bag, options), _bearing_node(options), _known(options)
     first, last = bag.span()
+    refusals = Refusals()
     with progress("calibrate", (last - first) * 1e-9) as bar:
         seen = observe(
             bag,
             node,
             not math.isnan(known.bearing),
-            lambda refusal: STDERR.print(f"{refusal.topic}: {refusal.sentence}", markup=False),
+            partial(refusals, node.node.full_name),
             lambda t_ns: bar((t_ns - first) * 1e-9),
         )
+    refusals.summary()
     found = calibrate(seen, known)
     if options.plot:
         from ...calibration.figure import before_after
