@@ -154,9 +154,8 @@ class _Recorder(Stage):
         check_frame(frame)
         c, self.frames = self._config, self.frames + 1
         ways = (c.detection.threshold, c.correlation.weighting, c.correlation.peaks)
-        half = round(0.5e9 * c.detection.pulse_length)
         for a, b in zip(*(ear.hear(frame, *ways) for ear in self._listeners), strict=True):
-            self.heard.append((a.source, a.t_ns + half, a.correlation, b.correlation))
+            self.heard.append((a.source, a.t_ns + round(0.5e9 * a.length), a.correlation, b.correlation))
         yield from ()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +14,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 STDERR = Console(stderr=True, highlight=False)
 _REDRAW_S = 0.1
 _COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright_green", "bright_yellow", "bright_blue")
+
+
+def say(sentence: str) -> None:
+    """Prints a sentence on stderr as it is: in one line, however narrow the terminal, and brackets are no styles."""
+    STDERR.print(sentence, markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -43,6 +49,16 @@ def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[
         yield update
 
 
+@contextmanager
+def importing() -> Iterator[None]:
+    """Ctrl-C ends the program at once and silently: C extensions turn an interrupt into errors of import."""
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def wide(columns: int) -> Console:
     """Returns a console for stdout of at least that width, so that names are not broken over lines."""
     return Console(width=max(Console().width, columns))
@@ -64,4 +80,4 @@ class NodeLog:
     def __call__(self, name: str, line: str) -> None:
         colour = self._colours.setdefault(name, _COLOURS[len(self._colours) % len(_COLOURS)])
         STDERR.print(f"[{colour}]\\[{name.lstrip('/')}][/{colour}] ", end="")
-        STDERR.print(line, markup=False, soft_wrap=True)
+        say(line)

@@ -7,22 +7,40 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import rclpy
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..config import build, limits_of, parameters, values_of
-from ..resolved_graph import OF_RCLPY
+from ..graph import own_parameters
+from .qos import check_overrides
+from .spin import Stop, one_line
+
+
+def make_node(executable: str) -> Node:
+    """A node with the parameters of command line and params-files.
+
+    Raises:
+        Stop: ROS cannot use its name, or a value of `qos_overrides` is none.
+    """
+    try:
+        node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        check_overrides(_given(node), (), f"node {node.get_fully_qualified_name()}")
+    except (ValueError, RuntimeError, NameValidationException) as error:
+        raise Stop(1, f"{executable}: {one_line(error)}") from None
+    return node
 
 
 def given_parameters(node: Node) -> dict[str, Any]:
     """What the command line and params-files gave, without rclpy's own parameters."""
+    return own_parameters(_given(node))
+
+
+def _given(node: Node) -> dict[str, Any]:
     given: dict[str, Any] = node.get_parameters_by_prefix("")
-    return {
-        name: parameter.value
-        for name, parameter in given.items()
-        if name not in OF_RCLPY and not name.startswith("qos_overrides.")
-    }
+    return {name: parameter.value for name, parameter in given.items()}
 
 
 def declare(node: Node, config: Any, prefix: str = "") -> None:

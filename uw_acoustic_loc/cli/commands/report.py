@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import STDERR, damage_code
+from ..console import damage_code, say
 
 HELP = "one page with tracks, bearings, errors and rates"
 
@@ -25,5 +25,5 @@ def run(options: Namespace) -> int:
 
     recording = load(options.bag)
     write_report(recording, score(recording), options.output)
-    STDERR.print(f"report in {options.output}")
+    say(f"report in {options.output}")
     return damage_code(recording.damage)

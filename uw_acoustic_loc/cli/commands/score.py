@@ -7,7 +7,7 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import damage_code
+from ..console import damage_code, say
 
 HELP = "errors of a bag's estimates against its truth"
 
@@ -36,5 +36,7 @@ def print_score(scored: dict[str, object], as_json: bool) -> None:
 
     if as_json:
         print(json.dumps(scored, indent=2))
-    else:
+    elif scored:
         Console().print(table(scored))
+    else:
+        say("nothing to score: none of the bag's topics has the name of an estimate (docs/contract.md, section 2)")
