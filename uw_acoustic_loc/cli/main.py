@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from ..version import __version__
 from .commands import (
+    calibrate,
     check,
     convert_wav,
     demo,
@@ -36,6 +37,7 @@ COMMANDS = {
     "info": info,
     "check": check,
     "reproduce": reproduce,
+    "calibrate": calibrate,
     "plan": plan,
     "convert-wav": convert_wav,
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -51,6 +52,7 @@ class BearingEstimator:
 
     def __init__(self, config: BearingConfig, info: HydrophoneInfo) -> None:
         check_info(info)
+        info = replace(info, spacing=info.spacing * config.array.spacing_scale)
         self._config, self._info = config, info
         self._sound_speed = config.array.sound_speed or info.sound_speed
         max_lag = info.spacing / self._sound_speed
@@ -127,7 +129,9 @@ class BearingEstimator:
             return HistogramFilter(self._info.spacing, self._sound_speed, lobe, c.array.sides)
         rng = np.random.default_rng([c.seed, source])
         ranges = (c.source.range_min, c.source.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides)
+        return ParticleFilter(
+            self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides
+        )
 
     def _successor(self, source: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
