@@ -127,7 +127,9 @@ class BearingEstimator:
             return HistogramFilter(self._info.spacing, self._sound_speed, lobe, c.array.sides)
         rng = np.random.default_rng([c.seed, source])
         ranges = (c.source.range_min, c.source.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides)
+        return ParticleFilter(
+            self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides
+        )
 
     def _successor(self, source: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
