@@ -10,7 +10,7 @@ from ..types import AnyArray
 from .paths import Epoch
 
 
-class Record(NamedTuple):
+class ReceiverRecord(NamedTuple):
     """The last messages of one receiver and path."""
 
     rejected: int  # in a row
@@ -23,7 +23,7 @@ class Record(NamedTuple):
 class Agreement:
     """Records by receiver and path; of a receiver as a whole (path 0) where arrivals come without a path."""
 
-    records: Mapping[int, Record] = field(default_factory=dict)
+    records: Mapping[int, ReceiverRecord] = field(default_factory=dict)
 
     def after(self, epoch: Epoch, used: Epoch, accepted: AnyArray) -> Agreement:
         """With one more epoch, of whose arrivals those of `used` have a path and a verdict, `accepted` (n,)."""
@@ -52,11 +52,11 @@ class Agreement:
         now = [r.rejected / times for r in self.records.values() if r.last_ns == t_ns and r.rejected >= times]
         return any(ratio.is_integer() and int(ratio).bit_count() == 1 for ratio in now)
 
-    def _record(self, key: int, t_ns: int, accepted: bool) -> Record:
+    def _record(self, key: int, t_ns: int, accepted: bool) -> ReceiverRecord:
         before = self.records.get(key)
         rejected = 0 if accepted else 1 + (before.rejected if before else 0)
         since_ns = before.since_ns if before and rejected > 1 else t_ns
-        return Record(rejected, since_ns, t_ns, t_ns - before.last_ns if before else 0)
+        return ReceiverRecord(rejected, since_ns, t_ns, t_ns - before.last_ns if before else 0)
 
 
 def last_rounds(epochs: tuple[Epoch, ...], rounds: int) -> tuple[Epoch, ...]:
