@@ -6,8 +6,6 @@ import dataclasses
 import time
 from typing import Any
 
-import rclpy
-
 from ..contract import Stage
 from ..stages.build import ConfiguredStage, configure
 from ..stages.runner import Refusal, Runner
@@ -15,7 +13,7 @@ from ..wire.codec import codec
 from .diagnostics import Diagnostics, InputWatch
 from .endpoints import Publishers, Subscriptions
 from .markers import Markers
-from .parameters import declare, given_parameters, on_change
+from .parameters import ParameterNode, declare, given_parameters, on_change
 from .rclpy_messages import from_dds
 from .report import NodeReport
 from .spin import Stop
@@ -27,7 +25,7 @@ class StageNode:
 
     def __init__(self, executable: str) -> None:
         name = executable.rpartition("/")[2]  # another package's is package/name
-        self.node = rclpy.create_node(name, automatically_declare_parameters_from_overrides=True)
+        self.node = ParameterNode(name)
         self._configured = self._configure(executable)
         self._log = self.node.get_logger()
         self._logged: dict[str, float] = {}

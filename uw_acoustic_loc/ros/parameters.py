@@ -15,10 +15,28 @@ from ..config import build, limits_of, parameters, values_of
 from ..resolved_graph import OF_RCLPY
 
 
-def given_parameters(node: Node) -> dict[str, Any]:
+class ParameterNode(Node):
+    """A node that has declared every parameter it was given: one that nobody knows can then be refused.
+
+    rclpy cannot declare an empty list, which has no type; here it is one all the same.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.empty: list[str] = []
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+
+    def declare_parameters(self, namespace: str, parameters: Any, ignore_override: bool = False) -> Any:
+        """Declares all but empty lists, and notes those."""
+        self.empty += [name for name, value, *_ in parameters if value is None]
+        typed = [one for one in parameters if one[1] is not None]
+        return super().declare_parameters(namespace, typed, ignore_override)
+
+
+def given_parameters(node: ParameterNode) -> dict[str, Any]:
     """What the command line and params-files gave, without rclpy's own parameters."""
     given: dict[str, Any] = node.get_parameters_by_prefix("")
-    return {
+    empty: dict[str, Any] = {name: [] for name in node.empty}
+    return empty | {
         name: parameter.value
         for name, parameter in given.items()
         if name not in OF_RCLPY and not name.startswith("qos_overrides.")

@@ -23,7 +23,7 @@ from ..bag.reader import Bag, Record
 from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
 from .endpoints import Peers
-from .parameters import declare, given_parameters
+from .parameters import ParameterNode, declare, given_parameters
 from .qos import PUBLISHER, STREAM_DEPTH, overridable, qos
 from .rclpy_messages import clock_message, message_class
 from .report import Deliveries, NodeReport, Reports, unmatched, unreached
@@ -51,7 +51,7 @@ class PlayerNode:
     """Plays once, then exits with code 0; with code 1 and a sentence when consumers do not follow."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        self.node = ParameterNode(executable)
         try:
             where = f"node {self.node.get_fully_qualified_name()}"
             self._config = build(PlayerConfig, given_parameters(self.node), where)

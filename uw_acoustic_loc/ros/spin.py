@@ -11,6 +11,7 @@ from typing import Protocol
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -33,7 +34,8 @@ class Stop(Exception):
 class Program(Protocol):
     """What runs in a process: a node, work between its callbacks, and an orderly end."""
 
-    node: Node
+    @property
+    def node(self) -> Node: ...
 
     def idle(self) -> float:
         """Called after every wake-up; returns how long the next wait may be, in s."""
@@ -46,7 +48,11 @@ def run(make_program: Callable[[], Program], args: list[str]) -> int:
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda signum, _frame: signals.append(signum))
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.RCLError as error:  # arguments after --ros-args that rcl does not take
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 1
     try:
         _spin(make_program(), signals)
     except Stop as stop:

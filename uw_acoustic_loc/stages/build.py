@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -49,7 +50,20 @@ def configure(executable: str, parameters: Mapping[str, Any], where: str) -> Con
     runner = build(RunnerConfig, {key: value for key, value in parameters.items() if key in shared}, where)
     configured = ConfiguredStage(cls, config, runner)
     try:
-        configured.make()
+        _check_topics(configured.make())
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     return configured
+
+
+def _check_topics(stage: Stage) -> None:
+    """Refuses what ROS would: parameters are parts of the names."""
+    for name in [*(i.topic for i in stage.inputs), *(o.topic for o in stage.outputs)]:
+        if not _TOPIC.fullmatch(name):
+            raise ValueError(
+                f"topic '{name}', as the parameters make it, must have letters, digits and underscores between"
+                " slashes, and no digit after a slash"
+            )
+
+
+_TOPIC = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
