@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 from ..version import __version__
@@ -22,6 +21,7 @@ from .commands import (
     score,
     simulate,
 )
+from .console import complain
 
 COMMANDS = {
     "demo": demo,
@@ -46,10 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code: int = options.run(options)
     except ValueError as error:
-        print(f"uwloc: {error}", file=sys.stderr)
+        complain(str(error))
         return 1
     except OSError as error:
-        print(f"uwloc: {error.filename or 'operating system'}: {error.strerror}", file=sys.stderr)
+        complain(f"{error.filename or 'operating system'}: {error.strerror}")
         return 1
     except KeyboardInterrupt:
         return 130

@@ -30,7 +30,7 @@ def process_many(options: Namespace) -> int:
         runs = {pool.submit(_run, bag, outputs[bag], options): bag for bag in options.bag}
         for count, run in enumerate(as_completed(runs), 1):
             bag, (code, message) = runs[run], run.result()
-            STDERR.print(f"[{count}/{len(runs)}] {bag}: {message}", markup=False, soft_wrap=True)
+            STDERR.print(f"[{count}/{len(runs)}] {bag}: {message}", soft_wrap=True)
             failed += code != 0
             done += seconds[bag]
             bar(done)

@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..console import wide
+from ..console import complain, wide
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,7 +39,7 @@ def run(options: Namespace) -> int:
         columns = [[c.what for c in checks], [c.expected for c in checks], [c.found for c in checks]]
         wide(sum(max(map(len, column), default=0) for column in columns) + 20).print(_table(checks))
     for one in failed:
-        print(f"uwloc: {options.bag}: {one.sentence}", file=sys.stderr)
+        complain(f"{options.bag}: {one.sentence}")
     return 1 if failed else 0
 
 

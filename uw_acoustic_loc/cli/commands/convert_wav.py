@@ -41,7 +41,7 @@ def run(options: Namespace) -> int:
     full_scale = o.full_scale if o.calibration is None else 10 ** (o.calibration / 20) * 1e-6
     channels = (0, 1) if files else _pair(o.channels)
     setup = WavSetup(o.spacing, o.sound_speed, full_scale, _ns(o.start), o.frame, o.namespace, channels, o.time_format)
-    note = lambda sentence: STDERR.print(f"note: {sentence}", markup=False, soft_wrap=True)  # noqa: E731
+    note = lambda sentence: STDERR.print(f"note: {sentence}", soft_wrap=True)  # noqa: E731
     counts = convert_mono(files, o.output, setup, note) if files else convert_wav(o.wav, o.output, setup, note)
     STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {o.output}")
     return 0

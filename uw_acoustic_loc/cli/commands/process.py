@@ -68,13 +68,13 @@ class _Refusals:
         key = (node, refusal.topic)
         self._counts[key] = self._counts.get(key, 0) + 1
         if self._counts[key] == 1:
-            STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}", markup=False)
+            STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}")
 
     def summary(self) -> None:
         """Prints how many there were."""
         for (node, topic), count in self._counts.items():
             if count > 1:
-                STDERR.print(f"{node}: {count} messages on {topic} were not used", markup=False)
+                STDERR.print(f"{node}: {count} messages on {topic} were not used")
 
 
 def _positive(text: str) -> int:

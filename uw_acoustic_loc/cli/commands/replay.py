@@ -36,6 +36,6 @@ def run(options: Namespace) -> int:
         code = launcher.run()
     deliveries = replay_deliveries(launcher.reports, bag, Bag(options.output)) if options.output.exists() else []
     for delivery in deliveries:
-        STDERR.print(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}", markup=False, soft_wrap=True)
+        STDERR.print(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}", soft_wrap=True)
     complete = bool(deliveries) and all(delivery.complete for delivery in deliveries)
     return max(code, int(not complete), damage_code(bag.damage))

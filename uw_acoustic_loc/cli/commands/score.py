@@ -7,7 +7,7 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import damage_code
+from ..console import SafeConsole, damage_code
 
 HELP = "errors of a bag's estimates against its truth"
 
@@ -30,11 +30,9 @@ def run(options: Namespace) -> int:
 
 def print_score(scored: dict[str, object], as_json: bool) -> None:
     """Prints the score on stdout, as JSON or as tables."""
-    from rich.console import Console
-
     from ...evaluation.score import table
 
     if as_json:
         print(json.dumps(scored, indent=2))
     else:
-        Console().print(table(scored))
+        SafeConsole().print(table(scored))
