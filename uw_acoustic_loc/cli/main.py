@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import cache
 
 from ..version import __version__
 from .commands import (
@@ -56,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+@cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("uwloc", description="Acoustic localization for AUVs, live and from bags.")
     parser.add_argument("--version", action="version", version=__version__)
