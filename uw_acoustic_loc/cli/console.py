@@ -27,6 +27,10 @@ class SafeConsole(Console):
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, markup=False, **options)
 
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Prints as rich does, a string in one line."""
+        super().print(*(harmless(one) if isinstance(one, str) else one for one in objects), **options)
+
     def render(self, renderable: Any, options: Any = None) -> Iterable[Segment]:
         """Renders as rich does."""
         for segment in super().render(renderable, options):

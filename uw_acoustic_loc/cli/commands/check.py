@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..bag_and_graph import add_msg_path, given_definitions
 from ..console import complain, wide
 
 if TYPE_CHECKING:
@@ -24,13 +25,14 @@ def add(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("expected", type=Path, metavar="EXPECTED.yaml")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_msg_path(parser)
 
 
 def run(options: Namespace) -> int:
     """Prints what was checked, and one sentence per violation on stderr; exit code 1 when there is one."""
     from ...evaluation.check import checked, load_expected
 
-    checks = list(checked(options.bag, load_expected(options.expected)))
+    checks = list(checked(options.bag, load_expected(options.expected), given_definitions(options)))
     failed = [one for one in checks if not one.passed]
     if options.json:
         listed = [{"what": c.what, "expected": c.expected, "found": c.found, "passed": c.passed} for c in checks]

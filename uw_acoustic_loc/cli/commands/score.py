@@ -7,6 +7,7 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from ..bag_and_graph import add_msg_path, given_definitions
 from ..console import SafeConsole, damage_code
 
 HELP = "errors of a bag's estimates against its truth"
@@ -16,6 +17,7 @@ def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_msg_path(parser)
 
 
 def run(options: Namespace) -> int:
@@ -23,7 +25,7 @@ def run(options: Namespace) -> int:
     from ...evaluation.recording import load
     from ...evaluation.score import score
 
-    recording = load(options.bag)
+    recording = load(options.bag, given_definitions(options))
     print_score(score(recording), options.json)
     return damage_code(recording.damage)
 
