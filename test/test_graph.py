@@ -60,8 +60,8 @@ auv1: {toa_tracker: {ros__parameters: {gate_sigma: 4.0}}}
             "'/bearing/seed' must hold ros__parameters, got 1",
         ),
         ("nodes: [{executable: bearing, name: grün}]", "", "node name 'grün' must be letters"),
-        ("nodes: [{executable: bearing, namespace: 1auv}]", "", "namespace '/1auv' must be letters"),
-        ("nodes: [{executable: bearing, remap: {odometry: a b}}]", "", "remapped name 'a b' must be letters"),
+        ("nodes: [{executable: bearing, namespace: 1auv}]", "", "namespace '1auv' of node bearing must be letters"),
+        ("nodes: [{executable: bearing, remap: {odometry: a b}}]", "", "remap of node bearing: 'a b' must be letters"),
         ("nodes: [{executable: bearing}]\nnodes: []", "", "line 2: key 'nodes' is there twice"),
         (
             "nodes: [{executable: bearing, params: params.yaml}]",

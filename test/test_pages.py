@@ -25,9 +25,10 @@ def links(page: Path) -> set[str]:
 
 
 def named_files(page: Path) -> set[str]:
-    """Paths of sources, pages, records and set-ups in the prose; one with a placeholder or a star is none."""
-    files = re.findall(r"(?<![\w<>*/.{-])[\w./-]+\.(?:py|md|msg)\b", text(page))
-    return {*files, *re.findall(r"(?<![\w/])(?:config|bags)/[\w./-]*\w", text(page))}
+    """Paths of sources, pages, records and set-ups outside links; one with a placeholder or a star is none."""
+    prose = re.sub(r"\[[^]]*\]\([^)]*\)", "", text(page))
+    files = re.findall(r"(?<![\w<>*/.{-])[\w./-]+\.(?:py|md|msg)\b", prose)
+    return {*files, *re.findall(r"(?<![\w/])(?:config|bags)/[\w./-]*\w", prose)}
 
 
 def anchors(page: Path) -> set[str]:

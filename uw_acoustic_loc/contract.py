@@ -24,11 +24,11 @@ class Input:
     handle: Callable[[Any], Iterable[Emission]]
     frame: str = ""  # the frame the header must name; a prefix such as `auv1/` is allowed; "" = any
     latched: bool = False  # streams wait for it
-    merge: Callable[[Any, Any], Any] | None = None  # of a latched message and the next one, where neither says all
     rewind: float = 0.0  # s; messages that are late by up to this are handled all the same, when they come
     optional: bool = False  # the stage does without
     upstream: int = 0  # estimators that it comes through, each of which waits for inputs of its own
     until_ns: Callable[[Any], int] | None = None  # its turn among the inputs, if a value reaches beyond its stamp
+    merge: Callable[[Any, Any], Any] | None = None  # of a latched message and the next one, where neither says all
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,8 @@ from typing import Any
 from .config import build, param
 from .yaml_file import load_yaml
 
-_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"  # of a name of ROS, between slashes
-_TOPIC = f"(~/|/)?{_TOKEN}(/{_TOKEN})*"
+_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"
+_LETTERS = "letters, digits and underscores, and not begin with a digit"
 
 
 @dataclass(frozen=True)
@@ -95,22 +95,39 @@ def load_graph(path: Path) -> Graph:
 
 def _node(entry: NodeEntry, graph: Path) -> GraphNode:
     name = entry.name or entry.executable.split("/")[-1]
+    if not re.fullmatch(_TOKEN, name):
+        raise ValueError(f"graph {graph}: node name '{name}' must be {_LETTERS}")
     namespace = "/" + entry.namespace.strip("/")
-    _check_names(graph, "node name", [name], _TOKEN)
-    _check_names(graph, "namespace", [namespace], f"/|(/{_TOKEN})+")
-    _check_names(graph, "remapped name", [one for pair in (entry.remap or {}).items() for one in pair], _TOPIC)
+    if not (namespace == "/" or _is_topic(namespace)):
+        raise ValueError(f"graph {graph}: namespace '{entry.namespace}' of node {name} must be {_LETTERS}")
+    for topic in (text for pair in (entry.remap or {}).items() for text in pair):
+        if not _is_topic(f"/{topic.removeprefix('~').removeprefix('/')}"):
+            raise ValueError(f"graph {graph}: remap of node {name}: '{topic}' must be {_LETTERS}, with '/' between")
     file = graph.parent / entry.params if entry.params else None
     full_name = f"{namespace.rstrip('/')}/{name}"
     params = params_of(file, full_name) if file else {}
     return GraphNode(entry.executable, name, namespace, file, entry.remap or {}, params)
 
 
-def _check_names(graph: Path, what: str, names: list[str], form: str) -> None:
+def check_topics(names: Iterable[str], where: str) -> None:
+    """Raises ValueError for a full topic name that ROS would not take."""
     for name in names:
-        if not re.fullmatch(form, name):
-            raise ValueError(
-                f"graph {graph}: {what} '{name}' must be letters, digits and underscores, and no digit first"
-            )
+        if not _is_topic(name):
+            raise ValueError(f"{where}: {name} is no topic of ROS: ids must be {_LETTERS}")
+
+
+def _is_topic(name: str) -> bool:
+    return re.fullmatch(f"(/{_TOKEN})+", name) is not None
+
+
+def own_parameters(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Without those of every ROS node, which are rclpy's business."""
+    return {
+        key: value for key, value in params.items() if key not in _OF_RCLPY and not key.startswith("qos_overrides.")
+    }
+
+
+_OF_RCLPY = ("use_sim_time", "start_type_description_service")
 
 
 def params_of(file: Path, full_name: str) -> dict[str, Any]:

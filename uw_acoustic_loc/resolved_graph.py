@@ -11,11 +11,12 @@ from typing import Any, TypeVar
 
 from .config import build
 from .contract import Input, Output, Stage
-from .graph import GraphNode
+from .graph import GraphNode, check_topics, own_parameters
 from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
 from .sim.scenario import Scenario, find_scenario
 from .stages.build import configure
 from .stages.catalog import is_stage
+from .stages.inputs.settings import InputConfig
 from .wire.codec import codec
 
 R = TypeVar("R")
@@ -38,6 +39,7 @@ class ResolvedStage(ResolvedNode):
 
     make_stage: Callable[[], Stage] = field(kw_only=True)
     lateness: float = field(kw_only=True)  # s
+    input_configs: Mapping[str, InputConfig] = field(kw_only=True)  # by the stage's own topic
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +63,15 @@ def resolve_stage(node: GraphNode) -> ResolvedStage:
         _named(where, partial(codec, kind))
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
+    check_topics([*inputs, *outputs], where)
     return ResolvedStage(
-        node, inputs, outputs, configured.settings, make_stage=configured.make, lateness=configured.runner.lateness
+        node,
+        inputs,
+        outputs,
+        configured.settings,
+        make_stage=configured.make,
+        lateness=configured.runner.lateness,
+        input_configs=configured.inputs,
     )
 
 
@@ -97,13 +106,7 @@ def upstream_first(nodes: Sequence[N]) -> list[N]:
 
 
 def _own_parameters(node: GraphNode) -> dict[str, Any]:
-    return {
-        key: value for key, value in node.params.items() if key not in OF_RCLPY and not key.startswith("qos_overrides.")
-    }
-
-
-# parameters of every ROS node, which are rclpy's business
-OF_RCLPY = ("use_sim_time", "start_type_description_service")
+    return own_parameters(node.params)
 
 
 def _named(where: str, make: Callable[[], R]) -> R:

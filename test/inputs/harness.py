@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -54,10 +55,18 @@ class Outcome:
     statuses: dict[str, Status]
     counts: dict[str, Counter[tuple[str, str]]]  # of each node's runner
     out: list[tuple[str, int, bytes]]  # topic, log time and CDR of every output
+    course: list[tuple[int, dict[str, Status]]]  # log time, and what diagnostics said then, every half second
 
-    def said(self) -> str:
-        """Everything that was said, in one text."""
-        return "\n".join([*self.sentences.values(), *(status.message for status in self.statuses.values())])
+    def said(self, node: str = "", begin: float = 0.0, end: float = 1e9) -> list[str]:
+        """What diagnostics said of a node between two seconds of the run."""
+        start = self.course[0][0]
+        found = [
+            status.message
+            for t_ns, statuses in self.course
+            for name, status in statuses.items()
+            if begin <= (t_ns - start) * 1e-9 <= end and name.endswith(node)
+        ]
+        return list(dict.fromkeys(found))
 
     @property
     def restarts(self) -> int:
@@ -109,13 +118,19 @@ def _run(messages: Iterable[Heard], wanted: Graph, folder: Path) -> Outcome:
         sentences.setdefault((node, refusal.topic), refusal.sentence)
 
     offline = OfflineRun(Bag(folder / "in"), wanted, tell)
-    offline.run(folder / "out", keep_inputs=True, progress=lambda _: None)
+    runners, said = offline.pipeline.runners, []
+
+    def look(t_ns: int) -> None:
+        if not said or t_ns - said[-1][0] >= SECOND // 2:
+            said.append((t_ns, {name: runner.status() for name, runner in runners.items()}))
+
+    with mock.patch("uw_acoustic_loc.bag.process._BATCH", 4096):
+        offline.run(folder / "out", keep_inputs=True, progress=look)
     own = offline.pipeline.outputs
     out = [(r.topic, r.t_ns, r.data) for r in Bag(folder / "out").records([*own])]
-    runners = offline.pipeline.runners
-    statuses = {name: getattr(runner, "status", runner.stage.status)() for name, runner in runners.items()}
+    statuses = {name: runner.status() for name, runner in runners.items()}
     counts = {name: runner.counts for name, runner in runners.items()}
-    return Outcome(score(load(folder / "out")), refused, sentences, statuses, counts, out)
+    return Outcome(score(load(folder / "out")), refused, sentences, statuses, counts, out, said)
 
 
 def write(messages: Iterable[Heard], path: Path) -> None:
@@ -157,8 +172,9 @@ def shift_between(begin: float, end: float, seconds: float) -> Damage:
     """Stamps are off by `seconds` between two seconds of the topic."""
 
     def damage(own: list[Heard]) -> list[Heard]:
-        first, last = index_at(own, begin), index_at(own, end)
-        return [shifted(m, seconds) if first <= k < last else m for k, m in enumerate(own)]
+        start = own[0].t_ns
+        inside = [begin <= (m.t_ns - start) * 1e-9 < end for m in own]
+        return [shifted(m, seconds) if off else m for m, off in zip(own, inside, strict=True)]
 
     return damage
 

@@ -162,7 +162,7 @@ SENTENCES = {
     f"source_ids: [n, e], {FREQUENCIES}": "'n', which is true or false and 'e', which is a string",
     f"source_ids: off, {FREQUENCIES}": "source_ids must be a list of str, got False",
     f"source_ids: , {FREQUENCIES}": "a value is missing",
-    f"source_ids: ['1'], {FREQUENCIES}": "topic 'sources/1/bearing'",
+    f"source_ids: ['1'], {FREQUENCIES}": "sources/1/bearing is no topic of ROS",
     f"source_ids: [a], lateness: [], {FREQUENCIES}": "lateness must be a number, got []",
     f"source_ids: [a], lateness: {{}}, {FREQUENCIES}": "'lateness' must have a value",
     "source_ids: [a, b], band_low: [18000, 26000.5]": "has '18000', which is a whole number and '26000.5'",

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from uw_acoustic_loc.sim.acoustics import images
-from uw_acoustic_loc.sim.channel import Knots, Paths, Ping, Reception
+from uw_acoustic_loc.sim.channel import EmittedPulse, Knots, Paths, Reception
 from uw_acoustic_loc.sim.water import Environment, Walls
 
 C = 1480.0
@@ -93,7 +93,7 @@ def received(env, size=100_000, rate=1e6):
     positions = np.broadcast_to(RECEIVER[:, None, None], (3, 2, knots.times.size))
     pressure = np.zeros((2, size))
     reception = Reception(knots, np.tile(knots.times, (2, 1)), positions, Paths(*images(SOURCE, env), 0.0))
-    reception.add(Ping(0.0, 2e-4, C, click), pressure)
+    reception.add(EmittedPulse(0.0, 2e-4, C, click), pressure)
     assert np.array_equal(*pressure)
     return pressure[0]
 

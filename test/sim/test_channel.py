@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.sim.acoustics import absorption
-from uw_acoustic_loc.sim.channel import Knots, Paths, Ping, Reception
+from uw_acoustic_loc.sim.channel import EmittedPulse, Knots, Paths, Reception
 from uw_acoustic_loc.sim.environment import SoundSpeed
 from uw_acoustic_loc.sim.hydrophones import HydrophoneSource
 from uw_acoustic_loc.sim.scenario import Environment, Hydrophones, Pinger, Scenario, Vehicle, Waypoint
@@ -96,7 +96,7 @@ def constant(age):
 @pytest.mark.parametrize(("distance", "level"), [(7.5, 1 / 7.5), (3.0, 1 / 3.0), (0.5, 1.0)])
 def test_a_ping_arrives_when_and_as_loud_as_it_must(distance, level):
     pressure = np.zeros((2, 10_000))
-    still(distance).add(Ping(1e-3, 1e-3, 1500.0, constant), pressure)
+    still(distance).add(EmittedPulse(1e-3, 1e-3, 1500.0, constant), pressure)
     heard = np.flatnonzero(pressure[0]) / 1e6
     assert heard[0] == pytest.approx(1e-3 + distance / 1500.0, abs=1.01e-6)
     assert heard[-1] == pytest.approx(2e-3 + distance / 1500.0, abs=1.01e-6)
@@ -106,14 +106,14 @@ def test_a_ping_arrives_when_and_as_loud_as_it_must(distance, level):
 
 def test_paths_add_up_with_their_coefficients_and_absorption():
     pressure = np.zeros((2, 10_000))
-    still(2.0, gains=(1.0, -0.7), loss=3.0).add(Ping(0.0, 1e-3, 1500.0, constant), pressure)
+    still(2.0, gains=(1.0, -0.7), loss=3.0).add(EmittedPulse(0.0, 1e-3, 1500.0, constant), pressure)
     assert pressure.max() == pytest.approx(0.3 / 2.0 * 10 ** (-6.0 / 20))
 
 
 @pytest.mark.parametrize("emission", [-2e-3, 9.5e-3, -50e-3, 50e-3])
 def test_a_frame_holds_its_part_of_a_ping_and_no_more(emission):
     pressure = np.zeros((2, 10_003))
-    still(1.5, size=10_003).add(Ping(emission, 1e-3, 1500.0, constant), pressure)
+    still(1.5, size=10_003).add(EmittedPulse(emission, 1e-3, 1500.0, constant), pressure)
     t = np.arange(10_003) / 1e6
     inside = (t > emission + 2e-6 + 1e-3) & (t < emission + 2e-3 - 2e-6)
     outside = (t < emission + 1e-3 - 2e-6) | (t > emission + 2e-3 + 2e-6)

@@ -132,16 +132,6 @@ def test_every_noise_pulse_is_its_own_and_the_same_each_time():
     assert abs(np.corrcoef(frame, long.frame(5).h0)[0, 1]) < 0.3  # of about 120 independent values
 
 
-@pytest.mark.parametrize(("part", "z"), [("hydrophones", -15.0), ("pinger a", -15.5)])
-def test_everything_lies_above_the_seabed(part, z):
-    shallow = replace(
-        SCENARIO, environment=replace(SCENARIO.environment, depth=15.2 if part != "hydrophones" else 14.0)
-    )
-    sentence = f"scenario: {part} must lie between the seabed at -.* m and 0 m, got {z:g} m"
-    with pytest.raises(ValueError, match=sentence):
-        HydrophoneSource(shallow)
-
-
 def test_a_vehicle_is_needed():
     with pytest.raises(ValueError, match="scenario: key 'vehicle' is missing"):
         HydrophoneSource(Scenario())

@@ -148,7 +148,7 @@ def test_a_sensor_whose_readings_stand_still_is_gated():
 
     def change(time: float, name: str, value: object) -> Iterable[object]:
         wrong = isinstance(value, BodyVelocity) and 40.0 < time < 41.0
-        return (replace(value, linear=np.zeros(3)) if wrong else value,)
+        return (replace(value, linear=np.full(3, 1e-3)) if wrong else value,)
 
     run = Faulty(change, 60.0)
     assert run.status.values["dvl.unused"] >= 4  # on the way in and on the way out

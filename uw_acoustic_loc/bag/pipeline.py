@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -28,9 +29,9 @@ _Place = tuple[int, int]  # in the batch, and log time
 class _Member:
     """An estimator, with the full names of its outputs, and what has come for it."""
 
-    def __init__(self, stage: ResolvedStage, tell: Callable[[str, Refusal], None]) -> None:
+    def __init__(self, stage: ResolvedStage, report: Callable[[str, Refusal], None]) -> None:
         self.name = name = stage.node.full_name
-        self.runner = Runner(stage.make_stage, stage.lateness, lambda refusal: tell(name, refusal))
+        self.runner = Runner(stage.make_stage, stage.lateness, partial(report, name), stage.input_configs)
         self.names = {output.topic: topic for topic, output in stage.outputs.items()}
         self.inbox: list[tuple[_Place, str, Any]] = []
 
@@ -41,14 +42,14 @@ class _Member:
 
 
 class Pipeline:
-    """All estimators of `graph`; `publish` takes what they say, `tell` a node's name and each message it refused."""
+    """All estimators of `graph`; `publish` takes what they say, `report` a node's name and each message it refused."""
 
-    def __init__(self, graph: Graph, publish: Publish, tell: Callable[[str, Refusal], None]) -> None:
+    def __init__(self, graph: Graph, publish: Publish, report: Callable[[str, Refusal], None]) -> None:
         stages = upstream_first([resolve_stage(node) for node in graph.nodes if is_stage(node.executable)])
         if not stages:
             raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(stage_names())})")
         self._publish = publish
-        self._members = [_Member(stage, tell) for stage in stages]
+        self._members = [_Member(stage, report) for stage in stages]
         self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)
         self.outputs: dict[str, Output] = {}
         kinds: dict[str, type] = {}

@@ -26,8 +26,8 @@ from .writer import BagWriter
 class OfflineRun:
     """One bag through one graph into a new bag. `progress` is called with log times, as they are reached."""
 
-    def __init__(self, bag: Bag | RemappedBag, graph: Graph, tell: Callable[[str, Refusal], None]) -> None:
-        self.pipeline = Pipeline(graph, self._publish, tell)
+    def __init__(self, bag: Bag | RemappedBag, graph: Graph, report: Callable[[str, Refusal], None]) -> None:
+        self.pipeline = Pipeline(graph, self._publish, report)
         self._bag = bag
         self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(resolve_node, graph.nodes))}
         self._kinds = self.pipeline.inputs

@@ -108,7 +108,7 @@ def _use(name: str, space: str, inputs: Sequence[Input], kinds: _Kinds, made: Ma
                     use.inputs.setdefault(own, []).append(topic)
         if own not in use.inputs and (space, wanted.topic) in made:
             use.after[own] = made[space, wanted.topic]
-        elif own not in use.inputs:
+        elif own not in use.inputs and not wanted.optional:
             use.missing.append(own)
             use.remap.extend(f"{other}:={space.rstrip('/')}/{own}" for other in kinds.others(wanted))
     return use

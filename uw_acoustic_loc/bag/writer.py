@@ -6,21 +6,19 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import yaml
 from mcap.data_stream import RecordBuilder
 from mcap.records import DataEnd, Footer
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ..version import __version__
 from .definitions import jazzy_definition
+from .metadata import ROS_DISTRO, described, earlier, metadata_text, qos_text
 from .storage.stored import Definition, Topic, qos_profiles
 
-_ROS_DISTRO = "jazzy"
 _Key = tuple[str, str, str, Definition]  # topic, type, encoding: several of these may share the topic's name
 
 
@@ -28,17 +26,18 @@ class BagWriter:
     """A new bag folder at `path`; `about` is stored with the package's version as the metadata `uw_acoustic_loc`.
 
     What is written before an interruption stays readable. When nothing more can be written (disk full), OSError names
-    the bag once, the file ends behind its last whole block, and everything later is left out.
+    the bag once, the file ends behind its last whole block, and everything later is left out. With `resume` a bag that
+    exists goes on in a further file.
 
     Raises:
         ValueError: `path` exists already, or cannot be made.
     """
 
-    def __init__(self, path: Path, about: dict[str, str] | None = None) -> None:
-        if path.exists():
+    def __init__(self, path: Path, about: dict[str, str] | None = None, resume: bool = False) -> None:
+        if path.exists() and not resume:
             raise ValueError(f"bag {path} exists already: choose another name or remove it")
         try:
-            path.mkdir(parents=True)
+            path.mkdir(parents=True, exist_ok=resume)
         except OSError as error:
             raise ValueError(f"bag {path} cannot be made: {error.strerror}") from None
         self.path = path
@@ -49,9 +48,14 @@ class BagWriter:
         self._first, self._last = 0, 0
         self._saved = _Saved({}, 0, 0)
         self._open = True
-        self._file = _File(path / f"{path.name}_0.mcap")
+        self._earlier = earlier(path)
+        self._file = _File(path / f"{path.name}_{len(self._earlier.files)}.mcap")
         self._writer = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)  # type: ignore[arg-type]
-        self._whole(lambda: self._start(about or {}))
+        try:
+            self._whole(lambda: self._start(about or {}))
+        except OSError:
+            self._file.remove()  # nothing is in it
+            raise
 
     def __enter__(self) -> BagWriter:
         return self
@@ -79,7 +83,7 @@ class BagWriter:
         self._keys[topic.name] = key = (topic.name, topic.msgtype, topic.encoding, definition)
         if key in self._channels or not self._open:
             return
-        qos = topic.qos or _qos_text(topic.latched)
+        qos = topic.qos or qos_text(topic.latched)
         stored = {"offered_qos_profiles": qos, "topic_type_hash": definition.type_hash}
         self._channels[key] = self._writer.register_channel(
             topic.name, topic.encoding, self._schema(topic.msgtype, definition), stored
@@ -124,7 +128,7 @@ class BagWriter:
 
     def _start(self, about: dict[str, str]) -> None:
         self._writer.start(profile="ros2", library=f"uw_acoustic_loc {__version__}")
-        self._writer.add_metadata("rosbag2", {"ROS_DISTRO": _ROS_DISTRO})
+        self._writer.add_metadata("rosbag2", {"ROS_DISTRO": ROS_DISTRO})
         self._writer.add_metadata("uw_acoustic_loc", {"version": __version__, **about})
 
     def _whole(self, write: Callable[[], None]) -> None:
@@ -158,34 +162,10 @@ class BagWriter:
         self._file.close()
         listed = self.path / "metadata.yaml"
         try:
-            listed.write_text(yaml.safe_dump(self._metadata(), sort_keys=False))
+            own = described(self._file.path.name, sum(self.counts.values()), self._first, self._last)
+            listed.write_text(metadata_text(self._earlier, own, list(self._topics.values())))
         except OSError:  # as full as before: a bag without it can be read, one with half of it cannot
             listed.unlink(missing_ok=True)
-
-    def _metadata(self) -> dict[str, Any]:
-        count = sum(self.counts.values())
-        start, duration = {"nanoseconds_since_epoch": self._first}, {"nanoseconds": self._last - self._first}
-        name = f"{self.path.name}_0.mcap"
-        about = {
-            "version": 9,
-            "storage_identifier": "mcap",
-            "duration": dict(duration),
-            "starting_time": dict(start),
-            "message_count": count,
-            "topics_with_message_count": list(self._topics.values()),
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [name],
-            "files": [{"path": name, "starting_time": start, "duration": duration, "message_count": count}],
-            "custom_data": None,
-            "ros_distro": _ROS_DISTRO,
-        }
-        return {"rosbag2_bagfile_information": about}
-
-
-@cache
-def _qos_text(latched: bool) -> str:
-    return str(yaml.safe_dump([_qos(latched)], sort_keys=False))
 
 
 @dataclass(frozen=True)
@@ -209,6 +189,7 @@ class _File:
     """A file without a buffer: what `write` has returned from is with the operating system."""
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         self._end = 0
 
@@ -234,17 +215,6 @@ class _File:
     def close(self) -> None:
         os.close(self._number)
 
-
-def _qos(latched: bool) -> dict[str, Any]:
-    forever = {"sec": 9223372036, "nsec": 854775807}
-    return {
-        "history": "keep_last",
-        "depth": 1 if latched else 10,
-        "reliability": "reliable",
-        "durability": "transient_local" if latched else "volatile",
-        "deadline": dict(forever),
-        "lifespan": dict(forever),
-        "liveliness": "automatic",
-        "liveliness_lease_duration": dict(forever),
-        "avoid_ros_namespace_conventions": False,
-    }
+    def remove(self) -> None:
+        """Of a file that is closed."""
+        self.path.unlink(missing_ok=True)

@@ -5,6 +5,7 @@ Texts come from bags, files and the net: what would steer the terminal, or break
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -69,6 +70,16 @@ def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[
             bars.update(task, completed=min(done_s, total_s), rate=f"{speed:.1f}x real time" if speed else "")
 
         yield update
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """Ctrl-C ends the program at once and silently: C extensions turn an interrupt into errors of import."""
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def wide(columns: int) -> Console:

@@ -42,6 +42,7 @@ def _run(bag: Path, output: Path, options: Namespace) -> tuple[int, str]:
     """Processes a bag; returns the exit code and the program's messages in one line."""
     command = [sys.executable, "-m", "uw_acoustic_loc", "process", bag, "--graph", options.graph, "-o", output]
     command += ["--keep-inputs"] if options.keep_inputs else []
+    command += ["--allow-unused"] if options.allow_unused else []
     command += ["--msg-path", options.msg_path] if options.msg_path else []
     for pair in options.remap:
         command += ["--remap", pair]

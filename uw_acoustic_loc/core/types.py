@@ -2,6 +2,9 @@
 
 Every stamped type has ``t_ns``, integer nanoseconds of the measurement it belongs to. The record types (rows of named
 columns) have one array per column, named as in ``msg_defs``; the other fields are what the message's header says.
+A variance that is positive is known. UNKNOWN (-1) means that the sender does not say, and 0 that it did not fill the
+covariance in: whoever uses the value takes the noise of its own parameters then. NO_INFORMATION or nearly so means that
+the value says nothing. Each element of a covariance speaks for itself; an unknown one has no covariances with others.
 Frames follow REP-103 and REP-105: x forward, y left, z up; ``map``, ``odom``, ``base_link``.
 """
 
@@ -17,11 +20,13 @@ Array = NDArray[np.float64]
 AnyArray = NDArray[Any]
 
 
+UNKNOWN = -1.0  # a variance that is not known
+NO_INFORMATION = 1e12  # larger variances are cut to this
+
+
 def unknown(size: int) -> Array:
-    """A covariance that says "unknown": -1 in its first element, zero elsewhere (the ROS convention)."""
-    cov = np.zeros((size, size))
-    cov[0, 0] = -1.0
-    return cov
+    """A covariance that says "unknown": -1 on its diagonal, of which the first is the ROS convention."""
+    return UNKNOWN * np.eye(size)
 
 
 # --- acoustics of one vehicle -------------------------------------------------------------------------------------
@@ -55,7 +60,7 @@ class Bearing:
 
     t_ns: int  # when the ping reached the array
     bearing: float  # rad
-    variance: float  # rad^2
+    variance: float  # rad^2; UNKNOWN when the sender does not say
     position: Array  # (3,) of the array in the frame, m
     frame_id: str = "base_link"
 

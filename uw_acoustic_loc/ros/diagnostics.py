@@ -74,7 +74,8 @@ class InputWatch:
         elif missing:
             level, message = max(level, Status.WARN), f"waiting for {', '.join(missing)}"
         elif refused:
-            level, message = max(level, Status.WARN), f"in the last second: {', '.join(refused)}"
+            news = f"in the last second: {', '.join(refused)}"
+            level, message = max(level, Status.WARN), f"{news}; {message}" if level > Status.OK else news
         return Status(level, message, values)
 
 

@@ -25,7 +25,7 @@ from ..sim.scenario import Scenario
 from ..wire.messages import ODOMETRY
 from .diagnostics import Diagnostics
 from .endpoints import Publishers
-from .parameters import ParameterNode, declare, given_parameters
+from .parameters import declare, given_parameters, make_node
 from .qos import PUBLISHER, overridable
 from .rclpy_messages import RosMake
 from .report import NodeReport
@@ -34,6 +34,7 @@ from .sync import SyncService
 
 _LONG_S = 0.002  # to make an event; a quicker one is made at once
 _REST = 0.3  # of the time to the next event
+_TURN_S = 0.05  # of publishing what is due, between two looks at signals and services
 _MISSED_NS = 1_000_000_000  # a driver that starts late leaves out what is older
 
 
@@ -41,7 +42,7 @@ class DriverNode:
     """Follows /clock when use_sim_time is set; otherwise real time, with all stamps moved to its start."""
 
     def __init__(self, executable: str) -> None:
-        self.node = ParameterNode(executable)
+        self.node = make_node(executable)
         config = self._configure()
         scenario = self._scenario(config)
         source = make_source(executable, scenario)
@@ -49,7 +50,7 @@ class DriverNode:
         self._transforms = _Transforms(self.node)
         self._events: Iterator[Event] = source.events()
         self._latched = {output.topic for output in source.outputs if output.latched}
-        self._started, self._missed, self._reached_ns = False, 0, 0
+        self._started, self._missed, self._reached_ns, self._oldest_ns = False, 0, 0, 0
         self._next: Event | None = next(self._events, None)
         self._took = self._interval = 0.0  # s, of making the next event, and since the one before
         self._shift_ns = self._shift(config, scenario.start_ns)
@@ -63,11 +64,13 @@ class DriverNode:
         if now_ns <= 0:
             return 0.1  # simulated time has not started
         if not self._started:
-            self._started = True
-            self._skip(now_ns - _MISSED_NS)
+            self._started, self._oldest_ns = True, now_ns - _MISSED_NS
+        begun = time.monotonic()
         while self._next is not None and self._next[0] <= now_ns:
-            self._publish(self._next)
-            self._make_next(self._next[0])
+            self._take_next(self._next)
+            if time.monotonic() - begun > _TURN_S:
+                return 0.0  # signals and services must not wait for what is overdue
+        self._log_missed()
         self._reached_ns = now_ns
         if self._next is None:
             return 0.1
@@ -109,12 +112,18 @@ class DriverNode:
             self._publish(self._next)
             self._next = next(self._events, None)
 
-    def _skip(self, until_ns: int) -> None:
-        while self._next is not None and self._next[0] < until_ns:
+    def _take_next(self, event: Event) -> None:
+        if event[0] < self._oldest_ns:
             self._missed += 1
             self._next = next(self._events, None)
+        else:
+            self._publish(event)
+            self._make_next(event[0])
+
+    def _log_missed(self) -> None:
         if self._missed:
             self.node.get_logger().warning(f"started late: left out {self._missed} messages of the past")
+            self._missed = 0
 
     def _make_next(self, last_ns: int) -> None:
         """In real time not at once, if it takes long: a real sensor leaves the processors to those who listen."""

@@ -55,9 +55,10 @@ class Publishers:
         self.sent[topic] += 1
 
     def wait_acknowledged(self) -> None:
-        """Waits (at most 3 s each) until readers have what was sent, so that an exit loses nothing."""
+        """Waits a moment until readers have what was sent, so that an exit loses nothing; a dead one never has it."""
+        limit = time.monotonic() + _ACKNOWLEDGED_S
         for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=3))
+            publisher.wait_for_all_acked(Duration(seconds=max(limit - time.monotonic(), 0.0)))
 
     def report(self) -> dict[str, Sent]:
         """What was sent, and whom it reaches, by full topic name."""
@@ -209,6 +210,7 @@ class Peers:
         return _names(info for info in found if not incompatible(info.qos_profile, own))
 
 
+_ACKNOWLEDGED_S = 1.0  # of all outputs together
 _PEERS_S = 1.0
 _FOLLOW_S = 0.2  # between two looks at the publishers
 _NO_NAME_YET = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # as rmw has it

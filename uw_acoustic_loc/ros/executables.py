@@ -1,4 +1,5 @@
-"""The node executables of `ros2 run uw_acoustic_loc <name>`."""
+"""The node executables of `ros2 run uw_acoustic_loc <name>`; each imports its own alone, so that it is up soon."""
+# ruff: noqa: PLC0415
 
 from __future__ import annotations
 
@@ -11,10 +12,6 @@ from pathlib import Path
 from ..graph import check_params_file
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES, is_stage, other_stages
-from .driver import DriverNode
-from .node import StageNode
-from .player import PlayerNode
-from .recorder import RecorderNode
 from .spin import Program, run
 
 BUG = 70  # EX_SOFTWARE of sysexits.h
@@ -64,9 +61,17 @@ def _check_params_files(arguments: Sequence[str]) -> None:
 
 def _program(executable: str) -> Program:
     if executable in SOURCES:
+        from .driver import DriverNode
+
         return DriverNode(executable)
     if executable == "recorder":
+        from .recorder import RecorderNode
+
         return RecorderNode(executable)
     if executable == "player":
+        from .player import PlayerNode
+
         return PlayerNode(executable)
+    from .node import StageNode
+
     return StageNode(executable)

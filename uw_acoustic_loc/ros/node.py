@@ -7,13 +7,15 @@ import time
 from typing import Any
 
 from ..contract import Stage
+from ..graph import check_topics
 from ..stages.build import ConfiguredStage, configure
+from ..stages.inputs.settings import PREFIX
 from ..stages.runner import Refusal, Runner
 from ..wire.codec import codec
 from .diagnostics import Diagnostics, InputWatch
 from .endpoints import Publishers, Subscriptions
 from .markers import Markers
-from .parameters import ParameterNode, declare, given_parameters, on_change
+from .parameters import declare, given_parameters, make_node, on_change
 from .rclpy_messages import from_dds
 from .report import NodeReport
 from .spin import Stop
@@ -24,13 +26,12 @@ class StageNode:
     """An estimator node; parameters, diagnostics, markers and `~/sync` are the same for all."""
 
     def __init__(self, executable: str) -> None:
-        name = executable.rpartition("/")[2]  # another package's is package/name
-        self.node = ParameterNode(name)
+        self.node = make_node(executable.rpartition("/")[2])  # another package's is package/name
         self._configured = self._configure(executable)
         self._log = self.node.get_logger()
         self._logged: dict[str, float] = {}
         lateness = self._configured.runner.lateness
-        self._runner = Runner(self._make_stage, lateness, self._log_refusal)
+        self._runner = Runner(self._make_stage, lateness, self._log_refusal, self._configured.inputs)
         self._publishers = Publishers(self.node, self._runner.stage.outputs)
         self._subscriptions = Subscriptions(self.node)
         for wanted in self._runner.stage.inputs:
@@ -55,10 +56,15 @@ class StageNode:
         where = f"node {self.node.get_fully_qualified_name()}"
         try:
             configured = configure(executable, given_parameters(self.node), where)
+            stage = configured.make()
+            topics = [i.topic for i in stage.inputs] + [o.topic for o in stage.outputs]
+            check_topics([f"/{topic.lstrip('/')}" for topic in topics], where)
         except ValueError as error:
             raise Stop(1, str(error)) from None
         declare(self.node, configured.config)
         declare(self.node, configured.runner)
+        for topic, config in configured.inputs.items():
+            declare(self.node, config, f"{PREFIX}{topic}.")
         return configured
 
     def _make_stage(self) -> Stage:
@@ -98,7 +104,7 @@ class StageNode:
 
     def _status(self) -> Any:
         problems = self._subscriptions.problems()
-        return self._watch.status(self._runner.stage.status(), self._runner.missing, self._runner.counts, problems)
+        return self._watch.status(self._runner.status(), self._runner.missing, self._runner.counts, problems)
 
     def _report(self) -> NodeReport:
         counts: dict[str, dict[str, int]] = {}

@@ -8,11 +8,28 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..config import build, limits_of, parameters, values_of
-from ..resolved_graph import OF_RCLPY
+from ..graph import own_parameters
+from .qos import check_overrides
+from .spin import Stop, one_line
+
+
+def make_node(executable: str) -> ParameterNode:
+    """A node with the parameters of command line and params-files.
+
+    Raises:
+        Stop: ROS cannot use its name, or a value of `qos_overrides` is none.
+    """
+    try:
+        node = ParameterNode(executable)
+        check_overrides(_given(node), (), f"node {node.get_fully_qualified_name()}")
+    except (ValueError, RuntimeError, NameValidationException) as error:
+        raise Stop(1, f"{executable}: {one_line(error)}") from None
+    return node
 
 
 class ParameterNode(Node):
@@ -34,23 +51,24 @@ class ParameterNode(Node):
 
 def given_parameters(node: ParameterNode) -> dict[str, Any]:
     """What the command line and params-files gave, without rclpy's own parameters."""
+    return own_parameters(_given(node))
+
+
+def _given(node: ParameterNode) -> dict[str, Any]:
     given: dict[str, Any] = node.get_parameters_by_prefix("")
     empty: dict[str, Any] = {name: [] for name in node.empty}
-    return empty | {
-        name: parameter.value
-        for name, parameter in given.items()
-        if name not in OF_RCLPY and not name.startswith("qos_overrides.")
-    }
+    return empty | {name: parameter.value for name, parameter in given.items()}
 
 
-def declare(node: Node, config: Any) -> None:
+def declare(node: Node, config: Any, prefix: str = "") -> None:
     """Declares every parameter of a config with its value, unit and range (replacing what rclpy declared untyped)."""
     values = values_of(config)
-    for name, field in parameters(type(config)).items():
+    for own_name, field in parameters(type(config)).items():
+        name = prefix + own_name
         if node.has_parameter(name):
             node.undeclare_parameter(name)
-        value = list(values[name]) if isinstance(values[name], tuple) else values[name]
-        node.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
+        value = list(values[own_name]) if isinstance(values[own_name], tuple) else values[own_name]
+        node.declare_parameter(name, value, _descriptor(name, field, value), ignore_override=True)
 
 
 def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Callable[[Any], None]) -> None:
@@ -83,13 +101,11 @@ def on_change(node: Node, config: Any, allow: Callable[[Any], None], apply: Call
     node.add_post_set_parameters_callback(changed)
 
 
-def _descriptor(field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
+def _descriptor(name: str, field: dataclasses.Field[Any], value: Any) -> ParameterDescriptor:
     limits = limits_of(field)
     text = ", ".join(part for part in (limits.doc, limits.unit) if part)
     # An empty list has no type of its own in rclpy, and 3 may be meant as 3.0: the builder checks types instead.
-    descriptor = ParameterDescriptor(
-        name=field.name, description=text, dynamic_typing=not isinstance(value, str | bool)
-    )
+    descriptor = ParameterDescriptor(name=name, description=text, dynamic_typing=not isinstance(value, str | bool))
     descriptor.additional_constraints = f"one of {', '.join(limits.choices)}" if limits.choices else ""
     if isinstance(value, float) and (limits.low > -math.inf or limits.high < math.inf):
         low, high = max(limits.low, -1.7e308), min(limits.high, 1.7e308)

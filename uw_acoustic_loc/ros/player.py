@@ -26,7 +26,7 @@ from ..bag.reader import Bag, Record, Topic
 from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
 from .endpoints import Peers
-from .parameters import ParameterNode, declare, given_parameters
+from .parameters import declare, given_parameters, make_node
 from .qos import PUBLISHER, STREAM_DEPTH, overridable, qos
 from .rclpy_messages import clock_message, message_class
 from .report import Deliveries, NodeReport, Reports, unmatched, unreached
@@ -54,7 +54,7 @@ class PlayerNode:
     """Plays once, then exits with code 0; with code 1 and a sentence when consumers do not follow."""
 
     def __init__(self, executable: str) -> None:
-        self.node = ParameterNode(executable)
+        self.node = make_node(executable)
         try:
             where = f"node {self.node.get_fully_qualified_name()}"
             self._config = build(PlayerConfig, given_parameters(self.node), where)

@@ -14,7 +14,7 @@ from ..config import build, param
 from ..contract import Status
 from .diagnostics import Diagnostics
 from .endpoints import Subscriptions
-from .parameters import ParameterNode, declare, given_parameters
+from .parameters import declare, given_parameters, make_node
 from .report import NodeReport
 from .spin import Stop
 from .sync import SyncService
@@ -31,6 +31,7 @@ class RecorderConfig:
     bag: str = param(doc="folder to be made")
     topics: tuple[str, ...] = param((), doc="'name type' pairs to record; empty = every topic that appears")
     latched: tuple[str, ...] = param((), doc="names among topics that are latched")
+    resume: bool = param(False, doc="go on in a further file of a bag that exists")
     about: str = param("{}", doc="JSON of keys and texts that are stored with the bag")
 
 
@@ -38,12 +39,12 @@ class RecorderNode:
     """A bag with everything that was heard; a full disk ends the recording with exit code 1 and a readable bag."""
 
     def __init__(self, executable: str) -> None:
-        self.node = ParameterNode(executable)
+        self.node = make_node(executable)
         where = f"node {self.node.get_fully_qualified_name()}"
         try:
             self._config = build(RecorderConfig, given_parameters(self.node), where)
             about = {"made_by": "recorder", **_texts(self._config.about, where)}
-            self._writer = BagWriter(Path(self._config.bag), about)
+            self._writer = BagWriter(Path(self._config.bag), about, self._config.resume)
         except (ValueError, OSError) as error:
             raise Stop(1, str(error)) from None
         self._flushed = time.monotonic()

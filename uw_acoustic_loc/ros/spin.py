@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -11,7 +12,6 @@ from typing import Protocol
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -29,6 +29,11 @@ class Stop(Exception):
     def __init__(self, code: int, sentence: str = "") -> None:
         super().__init__(sentence)
         self.code = code
+
+
+def one_line(error: Exception) -> str:
+    """An error of rclpy's without its places in C code."""
+    return re.sub(r", at /\S+?:\d+", "", " ".join(str(error).split()))
 
 
 class Program(Protocol):
@@ -50,8 +55,8 @@ def run(make_program: Callable[[], Program], args: list[str]) -> int:
         signal.signal(number, lambda signum, _frame: signals.append(signum))
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except rclpy_implementation.RCLError as error:  # arguments after --ros-args that rcl does not take
-        print(" ".join(str(error).split()), file=sys.stderr)
+    except Exception as error:  # rclpy's, of several kinds: it has had nothing but the arguments
+        print(f"{args[0]}: {one_line(error)}", file=sys.stderr)
         return 1
     try:
         _spin(make_program(), signals)

@@ -101,7 +101,10 @@ def pings(pinger: Pinger, begin: float, end: float) -> range:
 
 def sine(turns: Array) -> AnyArray:
     """float32 sine; whole turns are taken off before, so that its error is 2e-7 whatever their number."""
-    return np.asarray(np.sin((2 * np.pi * (turns - np.rint(turns))).astype(np.float32)))
+    rest = np.rint(turns)
+    np.subtract(turns, rest, out=rest)
+    rest *= 2 * np.pi
+    return np.asarray(np.sin(rest.astype(np.float32)))
 
 
 def _centre(pinger: Pinger) -> float:
@@ -111,27 +114,21 @@ def _centre(pinger: Pinger) -> float:
 def _resonance(pinger: Pinger, age: Array) -> Array:
     """A tone of amplitude 1 after a resonator, H(s) = (w / Q) s / (s^2 + (w / Q) s + w^2) with w that of the tone.
 
-    The tone is switched on at age 0, and the same tone with the opposite sign when the pulse ends.
+    It answers to sin(w t + p) from t = 0 on with sin(w t + p) - Im(z exp(a t)), its pole a = -d + j v, d = w / (2 Q),
+    and z = (w cos p - d sin p) / v + j sin p, by partial fractions of the Laplace transforms. A pulse is such a tone,
+    and the same tone taken off again when the pulse ends.
     """
-    off = _centre(pinger) * pinger.pulse_length
-    wave = _switched_on(pinger, age, 0.0) - _switched_on(pinger, age - pinger.pulse_length, off)
-    return np.asarray(wave * (age <= sounding(pinger)))
-
-
-def _switched_on(pinger: Pinger, age: Array, turns: float) -> Array:
-    """The resonator's answer to sin(w t + p) from t = 0 on, p = 2 pi `turns`: with d = w / (2 Q), v^2 = w^2 - d^2,
-
-    sin(w t + p) - exp(-d t) (sin p cos v t + (w cos p - d sin p) / v sin v t), by partial fractions of the Laplace
-    transforms.
-    """
-    frequency, phase = _centre(pinger), 2 * math.pi * turns
-    damping = 0.5 / pinger.q_factor  # d / w
-    own = math.sqrt(1.0 - damping**2)  # v / w
-    free = complex((math.cos(phase) - damping * math.sin(phase)) / own, math.sin(phase))
-    free_turns = cmath.phase(free) / (2 * math.pi)
-    decay = np.exp(np.minimum(-2 * math.pi * frequency * damping * age, 0.0))
-    wave = sine(frequency * age + turns) - abs(free) * decay * sine(own * frequency * age + free_turns)
-    return np.asarray(wave * (age > 0.0))
+    frequency, length, damping = _centre(pinger), pinger.pulse_length, 0.5 / pinger.q_factor
+    own, phase = math.sqrt(1.0 - damping**2), 2 * math.pi * frequency * length
+    rising = complex(1.0 / own, 0.0)
+    ringing = rising * cmath.exp(2 * math.pi * frequency * length * complex(-damping, own))
+    ringing -= complex((math.cos(phase) - damping * math.sin(phase)) / own, math.sin(phase))
+    over = age >= length
+    since = np.maximum(age - length * over, 0.0)
+    turns = own * frequency * since + over * (cmath.phase(ringing) / (2 * math.pi))
+    free = np.exp((-2 * math.pi * frequency * damping * since).astype(np.float32)) * sine(turns)
+    wave = sine(frequency * age) * ~over - np.where(over, abs(ringing), abs(rising)) * free
+    return np.asarray(wave * ((age > 0.0) & (age <= sounding(pinger))))
 
 
 def _row(place: float, ends: tuple[float, float], coefficients: Sequence[float], most: int) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ _BATCH = 2**15  # samples that are worked out at once: they fit the processor's 
 
 
 @dataclass(frozen=True)
-class Ping:
+class EmittedPulse:
     """A pulse as it leaves the source."""
 
     emission: float  # s
@@ -74,7 +74,7 @@ class Reception:
         """Bounds of the shortest and the longest distance of any path, m."""
         return float(self._middle.min()) - self._slack, float(self._middle.max()) + self._slack
 
-    def add(self, ping: Ping, pressure: AnyArray) -> None:
+    def add(self, ping: EmittedPulse, pressure: AnyArray) -> None:
         """Adds a ping over all paths to the pressure (2, N)."""
         knots, slack = self._knots, self._slack / ping.sound_speed
         count = math.ceil((ping.length + 2 * slack) / knots.interval) + 2  # intervals in which a path may be heard
@@ -88,7 +88,7 @@ class Reception:
                 sound = self._sound(ping, channel, some, first[some, None] + np.arange(count + 1))
                 _overlay(pressure[channel], sound, first[some] * knots.step)
 
-    def _sound(self, ping: Ping, channel: int, paths: Indices, knots: Indices) -> Array:
+    def _sound(self, ping: EmittedPulse, channel: int, paths: Indices, knots: Indices) -> Array:
         """(n, N) pressure of paths (n,) between knots (n, k); it means nothing beyond the frame."""
         knots = np.clip(knots, 0, self._knots.times.size - 1)
         sources = self._paths.sources[:, paths]

@@ -12,7 +12,7 @@ from ..contract import Event, Output
 from ..core.geometry import hydrophone_positions, rotation_from_rpy
 from ..core.types import AnyArray, Array, HydrophoneInfo, Point, Samples
 from .acoustics import absorption, images, pings, pulse, sounding, tone_phases
-from .channel import Knots, Paths, Ping, Reception
+from .channel import EmittedPulse, Knots, Paths, Reception
 from .converter import convert, scale
 from .environment import SoundSpeed
 from .noise import GaussianNoise, ThrusterNoise, add_snaps
@@ -29,7 +29,7 @@ class HydrophoneSource:
     """Frame k covers [k L, (k + 1) L) after the start and is available at its end.
 
     Raises:
-        ValueError: the scenario has no vehicle to carry the hydrophones, or something lies below the seabed.
+        ValueError: the scenario has no vehicle to carry the hydrophones.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -41,7 +41,6 @@ class HydrophoneSource:
         self._size = round(self._array.frame_length * self._array.sample_rate)
         turned = rotation_from_rpy(0.0, 0.0, self._array.array_yaw) @ hydrophone_positions(self._array.spacing).T
         self._in_base = turned + np.array(self._array.array_position)[:, None]
-        _check_above_seabed("hydrophones", scenario.vehicle.z + self._array.array_position[2], env)
         self._paths = [_paths(p, env) for p in scenario.pingers]
         self._knots = Knots(self._size, self._array.sample_rate)
         self._noise = GaussianNoise(env, self._array, self._size)
@@ -98,7 +97,7 @@ class HydrophoneSource:
             for ping in self._pings(k, pinger, times, reception.reach):
                 reception.add(ping, pressure)
 
-    def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[Ping]:
+    def _pings(self, k: int, pinger: Pinger, times: Array, reach: tuple[float, float]) -> Iterator[EmittedPulse]:
         """The pings of a pinger that may be heard at the times, at a distance within reach."""
         env, length = self._scenario.environment, sounding(pinger)
         slowest, fastest = env.sound_speed - env.sound_speed_range, env.sound_speed + env.sound_speed_range
@@ -106,18 +105,12 @@ class HydrophoneSource:
             emission = pinger.offset + n * pinger.period
             phases = tone_phases(pinger, self._scenario.rng(_PULSE_KEY, k, n))
             c = float(self._sound_speed.at(emission))
-            yield Ping(emission, length, c, partial(pulse, pinger, phases=phases))
+            yield EmittedPulse(emission, length, c, partial(pulse, pinger, phases=phases))
 
 
 def _paths(pinger: Pinger, env: Environment) -> Paths:
-    _check_above_seabed(f"pinger {pinger.id}", pinger.z, env)
     centre = 0.5 * (pinger.band_low + pinger.band_high)
     return Paths(*images(np.array([pinger.x, pinger.y, pinger.z]), env), absorption(centre, env))
-
-
-def _check_above_seabed(name: str, z: float, env: Environment) -> None:
-    if not -env.depth <= z <= 0.0:
-        raise ValueError(f"scenario: {name} must lie between the seabed at {-env.depth:g} m and 0 m, got {z:g} m")
 
 
 def _truth(pinger: Pinger) -> str:

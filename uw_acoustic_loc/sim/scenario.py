@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,6 +39,10 @@ class Thruster:
     turns_per_metre: float = param(20.0, unit="1/m", low=0.01, high=1000, doc="of the shaft, along the vehicle's path")
     modulation: float = param(0.3, low=0, high=1, doc="of the broad-band noise, at the blade rate")
 
+    def __post_init__(self) -> None:
+        if len(self.position) != 3:
+            raise ValueError(f"position must have 3 elements, got {len(self.position)}")
+
 
 @dataclass(frozen=True)
 class Vehicle:
@@ -49,9 +54,9 @@ class Vehicle:
     turn_radius: float = param(8.0, unit="m", low=0.1)
     z: float = param(-15.0, unit="m", high=0)
     imu_rate: float = param(100.0, unit="Hz", low=1, high=1000)
-    gyro_std: float = param(0.01, unit="rad/s", low=0, doc="white, per sample (Choi et al. 2016)")
+    gyro_std: float = param(0.01, unit="rad/s", low=0, high=1, doc="white, per sample (Choi et al. 2016)")
     accelerometer_std: float = param(0.1, unit="m/s^2", low=0)
-    gyro_bias_std: float = param(0.002, unit="rad/s", low=0, doc="constant bias, drawn once")
+    gyro_bias_std: float = param(0.002, unit="rad/s", low=0, high=1, doc="constant bias, drawn once")
     dvl_rate: float = param(5.0, unit="Hz", low=0.1, high=100)
     dvl_std: float = param(0.005, unit="m/s", low=0)
     dvl_bias_std: float = param(0.005, unit="m/s", low=0, doc="constant bias per axis, drawn once")
@@ -78,7 +83,7 @@ class Impulses:
 class Hydrophones:
     """Two hydrophones on the vehicle and their 16-bit converter."""
 
-    spacing: float = param(0.6, unit="m", low=0.001)
+    spacing: float = param(0.6, unit="m", low=0.001, high=100)
     sample_rate: float = param(100_000.0, unit="Hz", low=1000)
     frame_length: float = param(0.1, unit="s", low=0.001, high=10)
     array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
@@ -89,6 +94,10 @@ class Hydrophones:
     impulses: Impulses = param(Impulses(), doc="single samples, in noise_std; for snaps see environment")
     channel_gain_db: float = param(0.0, unit="dB", low=-40, high=40, doc="of hydrophone 1 over hydrophone 0")
     channel_delay: float = param(0.0, unit="s", low=-1e-3, high=1e-3, doc="of hydrophone 1 behind hydrophone 0")
+
+    def __post_init__(self) -> None:
+        if len(self.array_position) != 3:
+            raise ValueError(f"array_position must have 3 elements, got {len(self.array_position)}")
 
 
 @dataclass(frozen=True)
@@ -111,6 +120,8 @@ class Pinger:
     )
 
     def __post_init__(self) -> None:
+        if self.band_low > self.band_high:
+            raise ValueError(f"band_low must be at most band_high, got {self.band_low:g} and {self.band_high:g} Hz")
         if self.q_factor and (self.q_factor <= 0.5 or self.pulse != "tone"):
             raise ValueError(f"q_factor must be 0, or above 0.5 with a tone, got {self.q_factor:g} with a {self.pulse}")
 
@@ -175,7 +186,7 @@ class Sonar:
     period: float = param(4.0, unit="s", low=0.1)
     range_noise: str = param("rayleigh", choices=("rayleigh", "gaussian"))
     range_std: float = param(40.0, unit="m", low=1e-6)
-    bearing_std: float = param(0.02, unit="rad", low=1e-9)
+    bearing_std: float = param(0.02, unit="rad", low=1e-9, high=1.6)
     impulses: Impulses = param(Impulses(), doc="of a gaussian range_noise, in range_std")
     false_alarms: float = param(0.0, low=0, doc="mean number per receiver and ping")
     miss_fraction: float = param(0.0, low=0, high=1)
@@ -220,6 +231,35 @@ class Scenario:
     start_time: int = param(1_780_272_000, unit="s since 1970", low=1)
     duration: float = param(120.0, unit="s", low=0.1)
     seed: int = param(1, low=0)
+
+    def __post_init__(self) -> None:
+        for name, place in self._places():
+            self.environment.check_inside(name, place)
+        for pinger in self.pingers if self.vehicle else ():
+            self._check_band(pinger)
+
+    def _check_band(self, pinger: Pinger) -> None:
+        name, high, half = (
+            f"pinger {pinger.id}: band_high must be",
+            pinger.band_high,
+            0.5 * self.hydrophones.sample_rate,
+        )
+        if high >= half:
+            raise ValueError(f"{name} below half the hydrophones' sample_rate, {half:g} Hz, got {high:g} Hz")
+        if high < 1e3 and high * pinger.pulse_length < 10:
+            raise ValueError(f"{name} in Hz, got {high:g} Hz, of which not even 10 cycles fit the pulse_length")
+
+    def _places(self) -> Iterator[tuple[str, tuple[float, float, float]]]:
+        """What must lie in the water and within the walls."""
+        if self.vehicle:
+            z = self.vehicle.z
+            for k, point in enumerate(self.vehicle.waypoints):
+                yield f"vehicle: waypoint {k}", (point.x, point.y, z)
+                yield "hydrophones", (point.x, point.y, z + self.hydrophones.array_position[2])
+        for pinger in self.pingers:
+            yield f"pinger {pinger.id}", (pinger.x, pinger.y, pinger.z)
+        for node in self.buoys.nodes if self.buoys else ():
+            yield f"buoy {node.id}", (node.x, node.y, node.z)
 
     @property
     def start_ns(self) -> int:

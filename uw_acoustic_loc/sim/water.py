@@ -75,3 +75,16 @@ class Environment:
     snap_rate: float = param(0.0, unit="1/s", low=0, high=1e4, doc="snaps of shrimp, from all directions")
     snap_alpha: float = param(1.7, low=0.1, high=2, doc="characteristic exponent of the snaps' amplitudes")
     snap_scale: float = param(1.0, unit="Pa", low=1e-9, doc="scale of the snaps' amplitudes at the array")
+
+    def check_inside(self, name: str, place: tuple[float, float, float]) -> None:
+        """Raises ValueError unless a place in map is in the water, and within the walls of a basin."""
+        if not -self.depth <= place[2] <= 0.0:
+            raise ValueError(f"{name} must lie between the seabed at {-self.depth:g} m and 0 m, got {place[2]:g} m")
+        walls = self.walls
+        if walls is not None:
+            x, y, _ = walls.to_basin(np.array(place))
+            if not (0.0 < x < walls.length and 0.0 < y < walls.width):
+                raise ValueError(
+                    f"{name} must lie within the walls, {walls.length:g} m x {walls.width:g} m, got "
+                    f"({place[0]:g}, {place[1]:g}), which is at ({x:.4g}, {y:.4g}) from their corner"
+                )

@@ -42,7 +42,7 @@ class BearingLocalizerStage(Stage):
     @property
     def inputs(self) -> tuple[Input, ...]:
         bearings = (_BEARING.input(partial(self._on_bearing, name), name, frame="base_link") for name in self._sources)
-        return (_ODOMETRY.input(self._on_odometry, frame="odom", upstream=2), *bearings)
+        return (_ODOMETRY.input(self._on_odometry, upstream=2), *bearings)
 
     @property
     def outputs(self) -> tuple[Output, ...]:
@@ -105,7 +105,7 @@ class BearingLocalizerStage(Stage):
             if (fix := side.fix) is not None:
                 fix = self._reckoning.to_odom(fix)
                 cov = fix.cov + self._reckoning.pose_cov_at(fix.mean)
-                yield topic.named(name), _position(bearing.t_ns, PlanarFix(fix.mean, cov), z)
+                yield topic.named(name), _position(bearing.t_ns, PlanarFix(fix.mean, cov), z, self._frame)
         yield from self._cloud(name, bearing.t_ns, z)
 
     def _cloud(self, name: str, t_ns: int, z: float) -> Iterator[Emission]:
@@ -116,7 +116,12 @@ class BearingLocalizerStage(Stage):
         xy, weight = estimator.cloud(_CLOUD_SIZE)
         points = self._reckoning.points_to_odom(xy)
         x, y, z_all, w = (np.asarray(column, dtype=np.float32) for column in (*points, np.full(weight.size, z), weight))
-        yield _PARTICLES.named(name), Particles(t_ns, x, y, z_all, w, "odom")
+        yield _PARTICLES.named(name), Particles(t_ns, x, y, z_all, w, self._frame)
+
+    @property
+    def _frame(self) -> str:
+        """The odometry's."""
+        return (self._reckoning.last and self._reckoning.last.frame_id) or "odom"
 
 
 def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
@@ -139,11 +144,11 @@ def _values(source: SourceLocalizer) -> dict[str, float | int | str]:
     return values
 
 
-def _position(t_ns: int, fix: PlanarFix, z: float) -> Position:
+def _position(t_ns: int, fix: PlanarFix, z: float, frame_id: str) -> Position:
     cov = np.zeros((3, 3))
     cov[:2, :2] = fix.cov
     cov[2, 2] = -1.0  # not observed
-    return Position(t_ns, np.array([*fix.mean, z]), cov, "odom")
+    return Position(t_ns, np.array([*fix.mean, z]), cov, frame_id)
 
 
 _NEWS_NS = 30_000_000_000  # how long a fault of odometry is reported

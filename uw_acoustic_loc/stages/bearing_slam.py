@@ -56,7 +56,8 @@ class BearingSlamStage(Stage):
     def status(self) -> Status:
         slam = self._slam
         values: dict[str, float | int | str] = {"dvl.used": slam.dvl.used, "dvl.unused": slam.dvl.unused}
-        values |= {"restarts": self._restarts, "imu.ahead": slam.imu_ahead}
+        values["dvl.uninformative"] = slam.dvl.uninformative
+        values |= {"restarts": self._restarts, "imu.ahead": slam.imu_ahead, "relocations": slam.relocations}
         values |= {"imu.gaps": slam.imu_gaps, "imu.age_s": slam.imu_age, "dvl.age_s": slam.dvl_age}
         values["position_std_m"] = math.sqrt(slam.joint.cov[0, 0] + slam.joint.cov[1, 1])
         values["yaw_std_rad"] = math.sqrt(slam.joint.cov[YAW, YAW])
@@ -69,7 +70,9 @@ class BearingSlamStage(Stage):
 
     def _faults(self) -> list[str]:
         slam = self._slam
+        lost = slam.relocation
         faults = {
+            f"lost, looking for known pingers: {lost.reason if lost else ''}": lost is not None,
             f"the IMU is silent for {slam.imu_age:.1f} s": slam.imu_age > slam.config.imu_timeout,
             f"{slam.imu_ahead} IMU stamps in a row are far ahead": slam.imu_ahead > 0,
             f"no velocity for {slam.dvl_age:.1f} s": slam.dvl_age > _DVL_TIMEOUT,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +10,7 @@ from ..config import build, values_of
 from ..config import parameters as parameters_of
 from ..contract import Stage
 from .catalog import stage_class
+from .inputs.settings import PREFIX, InputConfig, input_configs
 from .runner import RunnerConfig
 
 
@@ -21,6 +21,7 @@ class ConfiguredStage:
     cls: type[Stage]
     config: Any  # cls.Config
     runner: RunnerConfig
+    inputs: Mapping[str, InputConfig]  # by topic
 
     def make(self) -> Stage:
         """A new stage."""
@@ -28,8 +29,14 @@ class ConfiguredStage:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All parameters, defaults included."""
-        return {**values_of(self.config), **values_of(self.runner)}
+        """All parameters, defaults included; of inputs what is set."""
+        of_inputs = {
+            f"{PREFIX}{topic}.{name}": value
+            for topic, config in self.inputs.items()
+            if config != InputConfig()
+            for name, value in values_of(config).items()
+        }
+        return {**values_of(self.config), **values_of(self.runner), **of_inputs}
 
 
 def configure(executable: str, parameters: Mapping[str, Any], where: str) -> ConfiguredStage:
@@ -39,7 +46,7 @@ def configure(executable: str, parameters: Mapping[str, Any], where: str) -> Con
         ValueError: one sentence naming `where`, the key, the value and what is allowed.
     """
     shared = set(parameters_of(RunnerConfig))
-    own = {key: value for key, value in parameters.items() if key not in shared}
+    own = {key: value for key, value in parameters.items() if key not in shared and not key.startswith(PREFIX)}
     try:
         cls = stage_class(executable)
     except ValueError as error:
@@ -48,22 +55,9 @@ def configure(executable: str, parameters: Mapping[str, Any], where: str) -> Con
         raise ValueError(f"{where}: {cls.__name__} must not have a parameter {', '.join(taken)}: every stage has it")
     config: Any = build(cls.Config, own, where)
     runner = build(RunnerConfig, {key: value for key, value in parameters.items() if key in shared}, where)
-    configured = ConfiguredStage(cls, config, runner)
     try:
-        _check_topics(configured.make())
+        stage = cls(config)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    return configured
-
-
-def _check_topics(stage: Stage) -> None:
-    """Refuses what ROS would: parameters are parts of the names."""
-    for name in [*(i.topic for i in stage.inputs), *(o.topic for o in stage.outputs)]:
-        if not _TOPIC.fullmatch(name):
-            raise ValueError(
-                f"topic '{name}', as the parameters make it, must have letters, digits and underscores between"
-                " slashes, and no digit after a slash"
-            )
-
-
-_TOPIC = re.compile(r"(~?/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+    inputs = input_configs(parameters, stage.inputs, where)
+    return ConfiguredStage(cls, config, runner, inputs)

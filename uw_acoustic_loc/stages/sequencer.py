@@ -52,7 +52,8 @@ class Sequencer:
         self._rewind_ns = dict(rewind_ns or {})
         self._optional = optional
         self._rank = {topic: rank for rank, topic in enumerate(waits_ns)}
-        self.needed_ns = dict.fromkeys(waits_ns, 0)  # the longest wait that would have been in time for what was late
+        self.needed_ns: dict[str, int] = {}  # by input, the longest wait, which nothing that was late would have missed
+        self.late_ns: dict[str, int] = {}  # by input, up to where the others were when the last one came late
         self.steps: dict[str, int] = {}  # by input, what was added to its stamps when its clock had stepped
         self._refused: list[Refused] = []
         self.clear()
@@ -82,6 +83,13 @@ class Sequencer:
         self._stray(topic, stray)
         return self._consider(topic, course, row)
 
+    def insert(self, topic: str, t_ns: int, value: Any) -> Ready:
+        """Takes a message that nobody waits for: it has its turn if its stamp is near those to come, else at once."""
+        if not self._released <= t_ns <= self.courses.front_ns + self._lateness_ns:
+            return [(topic, value)]
+        self._insert(topic, t_ns, value)
+        return self._release()
+
     def flush(self) -> Ready:
         """Everything that is still held: the end of the input. A single stamp that has left its course is refused."""
         for topic, course in self.courses.of.items():
@@ -104,14 +112,15 @@ class Sequencer:
         return self._release()
 
     def _insert(self, topic: str, t_ns: int, value: Any) -> None:
-        heapq.heappush(self._heap, (t_ns, self._rank[topic], self._count, topic, value))
+        heapq.heappush(self._heap, (t_ns, self._rank.get(topic, -1), self._count, topic, value))
         self._count += 1
 
     def _late(self, topic: str, t_ns: int, value: Any) -> Ready:
         late_ns = self._released - t_ns
         if late_ns <= self._rewind_ns.get(topic, 0):
             return [(topic, value)]
-        self.needed_ns[topic] = max(self.needed_ns[topic], self._waits_ns[topic] + late_ns)
+        self.needed_ns[topic] = max(self.needed_ns.get(topic, 0), self._waits_ns[topic] + late_ns)
+        self.late_ns[topic] = self._released
         self._refuse(topic, "late", f"stamp {t_ns} ns came after later stamps had been handled")
         return []
 

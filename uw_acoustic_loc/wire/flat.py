@@ -95,7 +95,7 @@ class FlatForm:
         if kind != LITTLE_ENDIAN or names is None:
             return None
         values = np.frombuffer(data, _FLOAT64, self.size, begin).copy()  # a copy is aligned
-        return Flat(checked_stamp(sec * SECOND + nanosec), names, values)
+        return Flat(checked_stamp(sec, nanosec), names, values)
 
 
 def header(make: Make, t_ns: int, frame_id: str) -> Any:
@@ -107,11 +107,14 @@ def header(make: Make, t_ns: int, frame_id: str) -> Any:
 
 def stamp_ns(msg: Any) -> int:
     """Returns the header's stamp in ns; ValueError for zero, which means that nobody set it."""
-    return checked_stamp(int(msg.header.stamp.sec) * SECOND + int(msg.header.stamp.nanosec))
+    return checked_stamp(int(msg.header.stamp.sec), int(msg.header.stamp.nanosec))
 
 
-def checked_stamp(t_ns: int) -> int:
-    """Returns the stamp in ns; ValueError unless it is set."""
+def checked_stamp(sec: int, nanosec: int) -> int:
+    """Returns the stamp in ns; ValueError unless it is set, and its nanoseconds are less than a second."""
+    if not 0 <= nanosec < SECOND:
+        raise ValueError(f"header.stamp.nanosec must be below {SECOND}, got {nanosec}")
+    t_ns = sec * SECOND + nanosec
     if t_ns <= 0:
         raise ValueError(f"header.stamp must be set, got {t_ns} ns")
     return t_ns

@@ -1,6 +1,7 @@
 """Core types to ROS messages and back, one pair of functions per message type.
 
-A message whose stamp is zero or whose numbers are not finite raises ValueError with what is wrong.
+A message whose stamp is zero or whose numbers are not finite raises ValueError with what is wrong. A covariance never
+does: what it does not know is unknown (see `core.types`), and the measurement stands.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ import numpy as np
 
 from ..core.geometry import quat_from_yaw, yaw_from_quat
 from ..core.types import (
+    NO_INFORMATION,
+    UNKNOWN,
     Array,
     Bearing,
     BodyVelocity,
@@ -22,6 +25,7 @@ from ..core.types import (
     Position,
     Pressure,
     Scalar,
+    unknown,
 )
 from .flat import Flat, FlatForm, Make, Part
 
@@ -46,6 +50,26 @@ def _finite(values: Array, parts: Mapping[str, slice]) -> None:
     for what, part in parts.items():
         if not math.isfinite(values[part].sum()):
             raise ValueError(f"{what} must be finite, got {values[part].tolist()}")
+
+
+def _covariance(values: Array) -> Array:
+    """(n, n) of a message's n * n numbers; usable ones stay as they are.
+
+    -1 in the first place makes all of it unknown; elsewhere a negative or NaN variance is unknown by itself. A huge
+    one is cut to a number that tells no more, as infinity does. Neither has covariances with the others.
+    """
+    size = math.isqrt(values.size)
+    cov = values.reshape(size, size)
+    variances = cov.diagonal()
+    if variances.min() >= 0.0 and variances.max() <= NO_INFORMATION and math.isfinite(values.dot(values)):
+        return cov
+    if variances[0] == UNKNOWN:
+        return unknown(size)
+    given = np.where(variances >= 0, variances, UNKNOWN)
+    apart = (given < 0) | (given > NO_INFORMATION)
+    cov = np.where(np.isfinite(cov) & ~apart & ~apart[:, None], cov, 0.0)
+    np.fill_diagonal(cov, np.minimum(given, NO_INFORMATION))
+    return cov
 
 
 def _unit(what: str, quat: Array) -> Array:
@@ -73,8 +97,8 @@ def _odometry_from(flat: Flat) -> Odometry:
         quat_xyzw=_unit("pose.orientation", values[3:7]),
         linear=values[43:46],
         angular=values[46:49],
-        pose_cov=values[7:43].reshape(6, 6),
-        twist_cov=values[49:].reshape(6, 6),
+        pose_cov=_covariance(values[7:43]),
+        twist_cov=_covariance(values[49:]),
         frame_id=frame_id,
         child_frame_id=child_frame_id,
     )
@@ -83,10 +107,8 @@ def _odometry_from(flat: Flat) -> Odometry:
 _ODOMETRY_PARTS = {
     "pose.position": slice(3),
     "pose.orientation": slice(3, 7),
-    "pose.covariance": slice(7, 43),
     "twist.linear": slice(43, 46),
     "twist.angular": slice(46, 49),
-    "twist.covariance": slice(49, 85),
 }
 ODOMETRY = FlatForm(
     Part("nav_msgs/msg/Odometry", {"pose": _POSE, "twist": _TWIST}), _odometry_to, _odometry_from, ("child_frame_id",)
@@ -103,10 +125,9 @@ def _bearing_to(value: Bearing) -> Flat:
 
 def _bearing_from(flat: Flat) -> Bearing:
     values = flat.values
-    variance = values.item(42)
-    if not 0.0 < variance < math.inf:
-        raise ValueError(f"pose.covariance[35], the bearing's variance, must be positive, got {variance!r}")
     _finite(values, _BEARING_PARTS)
+    variance = values.item(42)
+    variance = min(variance, NO_INFORMATION) if variance > 0.0 else UNKNOWN
     yaw = yaw_from_quat(_unit("pose.orientation", values[3:7]))
     return Bearing(flat.t_ns, yaw, variance, values[:3], flat.names[0])
 
@@ -126,10 +147,10 @@ def _position_to(value: Position) -> Flat:
 def _position_from(flat: Flat) -> Position:
     values = flat.values
     _finite(values, _POSITION_PARTS)
-    return Position(flat.t_ns, values[:3], values[7:].reshape(6, 6)[:3, :3], flat.names[0])
+    return Position(flat.t_ns, values[:3], _covariance(values[7:])[:3, :3], flat.names[0])
 
 
-_POSITION_PARTS = {"pose.covariance": slice(7, 43), "pose.position": slice(3)}
+_POSITION_PARTS = {"pose.position": slice(3)}
 POSITION = FlatForm(_STAMPED_POSE, _position_to, _position_from)
 
 
@@ -145,15 +166,13 @@ def _imu_to(value: Imu) -> Flat:
 def _imu_from(flat: Flat) -> Imu:
     values = flat.values
     _finite(values, _IMU_PARTS)
-    covs = values[16:25].reshape(3, 3), values[28:].reshape(3, 3)
+    covs = _covariance(values[16:25]), _covariance(values[28:])
     return Imu(flat.t_ns, values[13:16], values[25:28], *covs, flat.names[0])
 
 
 _IMU_PARTS = {
     "angular_velocity": slice(13, 16),
-    "angular_velocity_covariance": slice(16, 25),
     "linear_acceleration": slice(25, 28),
-    "linear_acceleration_covariance": slice(28, 37),
 }
 IMU = FlatForm(
     Part(
@@ -183,10 +202,10 @@ def _body_velocity_to(value: BodyVelocity) -> Flat:
 def _body_velocity_from(flat: Flat) -> BodyVelocity:
     values = flat.values
     _finite(values, _TWIST_PARTS)
-    return BodyVelocity(flat.t_ns, values[:3], values[6:].reshape(6, 6)[:3, :3], flat.names[0])
+    return BodyVelocity(flat.t_ns, values[:3], _covariance(values[6:])[:3, :3], flat.names[0])
 
 
-_TWIST_PARTS = {"twist.covariance": slice(6, 42), "twist.linear": slice(3)}
+_TWIST_PARTS = {"twist.linear": slice(3)}
 BODY_VELOCITY = FlatForm(_part("TwistWithCovarianceStamped", twist=_TWIST), _body_velocity_to, _body_velocity_from)
 
 

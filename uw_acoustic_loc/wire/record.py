@@ -38,13 +38,13 @@ class Layout:
     also: Mapping[str, str]
 
     def allowed(self, kind: str) -> tuple[str, ...]:
-        """The types that a column declared as `kind` may have."""
+        """Returns the types that a column declared as `kind` may have."""
         return (kind, self.also[kind]) if kind in self.also else (kind,)
 
 
 @cache
 def layout(name: str, folder: Path | None = None) -> Layout:
-    """The layout declared in <name>.msg of a folder; None = the package's own msg_defs.
+    """Reads the layout that <name>.msg of a folder declares; None = the package's own msg_defs.
 
     Raises:
         ValueError: a line of the file is no column of a number.
@@ -61,7 +61,7 @@ def layout(name: str, folder: Path | None = None) -> Layout:
 
 
 def record_to(make: Make, plan: Layout, value: Any) -> Any:
-    """sensor_msgs/PointCloud2 rows of a record from a core type with one array (or number) per column."""
+    """Builds the sensor_msgs/PointCloud2 of a record from a core type with an array (or number) per column."""
     rows = rows_of(plan, value)
     return make(
         RECORD,
@@ -78,7 +78,7 @@ def record_to(make: Make, plan: Layout, value: Any) -> Any:
 
 
 def record_from(plan: Layout, kind: type, msg: Any, single: bool = False) -> Any:
-    """A core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
+    """Reads a core type from PointCloud2 rows; a `single` record has exactly one row and becomes numbers.
 
     Raises:
         ValueError: a column is missing or has another type, or the data do not have the length that they declare.
@@ -89,8 +89,8 @@ def record_from(plan: Layout, kind: type, msg: Any, single: bool = False) -> Any
 
 
 def value_of(plan: Layout, kind: type, t_ns: int, frame_id: str, rows: AnyArray, single: bool) -> Any:
-    """A core type from structured rows (N,). Each column is in one piece: steps through rows would slow every use."""
-    columns: dict[str, Any] = {column: np.ascontiguousarray(rows[column]) for column, _ in plan.columns}
+    """Makes a core type of structured rows (N,), its columns contiguous: strides would slow every later use."""
+    columns: dict[str, Any] = {column: _whole(rows[column], declared) for column, declared in plan.columns}
     if single:
         if len(next(iter(columns.values()))) != 1:
             raise ValueError(f"{plan.name}: must have 1 row, got {len(next(iter(columns.values())))}")
@@ -100,8 +100,13 @@ def value_of(plan: Layout, kind: type, t_ns: int, frame_id: str, rows: AnyArray,
     return kind(t_ns=t_ns, frame_id=frame_id, **columns)
 
 
+def _whole(column: AnyArray, declared: str) -> AnyArray:
+    """A column in one piece; float32 in the place of float64 loses nothing by becoming that."""
+    return np.ascontiguousarray(column, np.float64 if declared == "float64" else None)
+
+
 def rows_of(plan: Layout, value: Any) -> AnyArray:
-    """Structured rows (N,) of the record from its columns (each (N,)); a type that may stand stays as it is."""
+    """Makes structured rows (N,) of the record from its columns (each (N,)), in the types that its layout allows."""
     given = [np.atleast_1d(getattr(value, column)) for column, _ in plan.columns]
     rows = np.empty(len(given[0]), _packed_type(plan, tuple(column.dtype for column in given)))
     for column, values in zip(rows.dtype.names, given, strict=True):
@@ -117,7 +122,7 @@ def _packed_type(plan: Layout, given: tuple[np.dtype[Any], ...]) -> np.dtype[Any
 
 @cache
 def row_types(plan: Layout) -> list[np.dtype[Any]]:
-    """Rows with the columns' declared types, and with those that may take their place."""
+    """Returns the row types with the declared column types, and with those that may take their place."""
     allowed = [(column, plan.allowed(kind)) for column, kind in plan.columns]
     count = max(len(kinds) for _, kinds in allowed)
     return [np.dtype([(column, kinds[min(k, len(kinds) - 1)]) for column, kinds in allowed]) for k in range(count)]
@@ -165,7 +170,8 @@ def _checked(plan: Layout, given: tuple[tuple[str, int, int, int], ...], step: i
     """The record's columns among those of a message; ValueError with the first that is missing or of another type."""
     named = {field[0]: field for field in given}
     for column, kind in plan.columns:
-        _check(plan.name, column, plan.allowed(kind), named.get(column), step)
+        widened = ("float32",) if kind == "float64" else ()
+        _check(plan.name, column, plan.allowed(kind) + widened, named.get(column), step)
     return tuple(named[column][:3] for column, _ in plan.columns)
 
 

@@ -55,7 +55,7 @@ class RecordForm:
         if found is None:
             return None
         t_ns, frame_id, rows = found
-        return value_of(self._plan, self.kind, checked_stamp(t_ns), frame_id, rows, self.single)
+        return value_of(self._plan, self.kind, t_ns, frame_id, rows, self.single)
 
     def _unpacked(self, data: bytes) -> tuple[int, str, Any] | None:
         """Returns stamp in ns, frame and structured rows."""
@@ -71,7 +71,7 @@ class RecordForm:
         for row in row_types(self._plan):
             if data.startswith(_middle(row), at):
                 rows = _rows(data, at + len(_middle(row)), count, row)
-                return None if rows is None else (sec * SECOND + nanosec, frame_id, rows)
+                return None if rows is None else (checked_stamp(sec, nanosec), frame_id, rows)
         return None
 
 

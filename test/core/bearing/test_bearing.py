@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.config import build
+from uw_acoustic_loc.config import changed as altered
 from uw_acoustic_loc.core.bearing.config import BearingConfig
 from uw_acoustic_loc.core.bearing.estimator import BearingEstimator
 from uw_acoustic_loc.core.geometry import hydrophone_positions, quat_from_yaw
@@ -48,14 +49,14 @@ def bearings(config, frames):
 @pytest.mark.parametrize("filter_", ["none", "particle", "histogram"])
 @pytest.mark.parametrize(("side", "sign"), [("port", 1), ("starboard", -1)])
 def test_a_source_to_port_has_a_positive_bearing(filter_, side, sign):
-    config = replace(CONFIG, filter=filter_, assumed_side=side)
+    config = altered(CONFIG, filter=filter_, assumed_side=side)
     found, _ = bearings(config, [frame(k, 1.1) for k in range(4)])
     assert found[-1].bearing == pytest.approx(sign * 1.1, abs=0.005)
     assert found[-1].t_ns == pytest.approx(T0 + 3 * 10**8 + 20_000_000 + 40_000_000, abs=500_000)
 
 
 def test_both_sides_are_published_port_first_and_turned_with_the_array():
-    config = replace(CONFIG, assumed_side="both", array_yaw=2.5, array_position=(0.5, 0.0, -0.2))
+    config = altered(CONFIG, assumed_side="both", array_yaw=2.5, array_position=(0.5, 0.0, -0.2))
     found, _ = bearings(config, [frame(0, 1.1)])
     assert [b.bearing for b in found] == pytest.approx([2.5 + 1.1 - 2 * math.pi, 2.5 - 1.1], abs=0.005)
     assert found[0].t_ns == found[1].t_ns
@@ -65,7 +66,7 @@ def test_both_sides_are_published_port_first_and_turned_with_the_array():
 @pytest.mark.parametrize("filter_", ["none", "particle", "histogram"])
 @pytest.mark.parametrize("theta", [0.0, math.pi])
 def test_end_fire_is_clipped_counted_and_finite(filter_, theta):
-    config = replace(CONFIG, filter=filter_, sound_speed=1510.0)  # makes the largest possible lag too short
+    config = altered(CONFIG, filter=filter_, sound_speed=1510.0)  # makes the largest possible lag too short
     found, estimator = bearings(config, [frame(k, theta) for k in range(5)])
     assert estimator.tracks[0].clipped == 5
     assert all(math.isfinite(b.bearing) and 0 < b.variance < 10 for b in found)
@@ -75,7 +76,7 @@ def test_end_fire_is_clipped_counted_and_finite(filter_, theta):
 @pytest.mark.parametrize("theta", [0.5, 0.9, 2.4])
 def test_the_variance_is_that_of_sources_off_the_arrays_plane(theta):
     """Elevations as they are normal: five Gauss-Hermite nodes have the exact mean of their fourth power."""
-    config = replace(CONFIG, elevation_std=0.1, sound_speed_std=0.0, phase_std=0.0)
+    config = altered(CONFIG, elevation_std=0.1, sound_speed_std=0.0, phase_std=0.0)
     nodes, weights = np.polynomial.hermite_e.hermegauss(5)
     mean = 0.0
     for node, weight in zip(nodes, weights / weights.sum(), strict=True):
@@ -86,7 +87,7 @@ def test_the_variance_is_that_of_sources_off_the_arrays_plane(theta):
 
 @pytest.mark.parametrize("filter_", ["none", "particle", "histogram"])
 def test_without_a_ping_nothing_is_published_and_the_std_grows(filter_):
-    config = replace(CONFIG, filter=filter_)
+    config = altered(CONFIG, filter=filter_)
     estimator = BearingEstimator(config, INFO)
     for k in range(4):
         list(estimator.process(frame(k, 1.1)))
@@ -99,7 +100,7 @@ def test_without_a_ping_nothing_is_published_and_the_std_grows(filter_):
 
 @pytest.mark.parametrize("filter_", ["none", "particle", "histogram"])
 def test_odometry_carries_the_bearing_through_a_turn(filter_):
-    estimator = BearingEstimator(replace(CONFIG, filter=filter_), INFO)
+    estimator = BearingEstimator(altered(CONFIG, filter=filter_), INFO)
     for k in range(4):
         list(estimator.process(frame(k, 1.5)))
     for k in range(4, 9):
@@ -123,10 +124,10 @@ def test_the_filters_settle_echoes_clicks_and_wrong_cycles(filter_, band, snr_db
     sigma = math.sqrt(0.5 * 10 ** (-snr_db / 10) * (RATE / 2) / (band[1] - band[0]))
     thetas = np.radians(np.linspace(35.0, 145.0, 250))
     frames = [frame(k, th, band, sigma, env, rng, clicks=0.01) for k, th in enumerate(thetas)]
-    config = replace(CONFIG, band_low=(band[0],), band_high=(band[1],))
+    config = altered(CONFIG, band_low=(band[0],), band_high=(band[1],))
     gross = {}
     for name in ("none", filter_):
-        found, _ = bearings(replace(config, filter=name), frames)
+        found, _ = bearings(altered(config, filter=name), frames)
         true = thetas[[(b.t_ns - T0) // 10**8 for b in found]]
         errors = np.degrees(np.abs(np.array([b.bearing for b in found]) - true))
         gross[name] = np.mean(errors > 5.0)
@@ -136,12 +137,12 @@ def test_the_filters_settle_echoes_clicks_and_wrong_cycles(filter_, band, snr_db
 
 
 def test_the_same_seed_gives_the_same_bearings():
-    runs = [bearings(replace(CONFIG, filter="particle"), [frame(k, 1.0) for k in range(5)])[0] for _ in range(2)]
+    runs = [bearings(altered(CONFIG, filter="particle"), [frame(k, 1.0) for k in range(5)])[0] for _ in range(2)]
     assert [(b.t_ns, b.bearing, b.variance) for b in runs[0]] == [(b.t_ns, b.bearing, b.variance) for b in runs[1]]
 
 
 def test_the_cloud_is_small_and_lies_around_the_bearing():
-    _, estimator = bearings(replace(CONFIG, filter="particle", assumed_side="both"), [frame(k, 1.0) for k in range(5)])
+    _, estimator = bearings(altered(CONFIG, filter="particle", assumed_side="both"), [frame(k, 1.0) for k in range(5)])
     cloud = estimator.cloud(0, T0)
     assert cloud is not None
     assert 100 < cloud.x.size <= 200
@@ -154,11 +155,11 @@ def test_the_cloud_is_small_and_lies_around_the_bearing():
 
 
 def test_a_band_can_be_changed_and_the_filter_stays():
-    config = replace(CONFIG, filter="histogram")
+    config = altered(CONFIG, filter="histogram")
     estimator = BearingEstimator(config, INFO)
     for k in range(3):
         list(estimator.process(frame(k, 1.1)))
-    estimator.change(replace(config, band_low=(32e3,), band_high=(38e3,)))
+    estimator.change(altered(config, band_low=(32e3,), band_high=(38e3,)))
     assert list(estimator.process(frame(3, 1.1))) == []
     assert estimator.tracks[0].pings == 3
     ((_, bearing),) = estimator.process(frame(4, 1.1, band=(32e3, 38e3)))
@@ -173,11 +174,11 @@ def two(k, first, second, bands):
 
 def test_retuning_one_source_leaves_the_other_as_it_is():
     bands = [(20e3, 26e3), (32e3, 38e3)]
-    config = replace(CONFIG, source_ids=("a", "b"), band_low=(20e3, 32e3), band_high=(26e3, 38e3), filter="particle")
+    config = altered(CONFIG, source_ids=("a", "b"), band_low=(20e3, 32e3), band_high=(26e3, 38e3), filter="particle")
     changed, same = BearingEstimator(config, INFO), BearingEstimator(config, INFO)
     expected = [x for k in range(10) for x in same.process(two(k, 1.1, 2.0, bands))]
     found = [x for k in range(6) for x in changed.process(two(k, 1.1, 2.0, bands))]
-    changed.change(replace(config, band_low=(20e3, 40e3), band_high=(26e3, 46e3)))
+    changed.change(altered(config, band_low=(20e3, 40e3), band_high=(26e3, 46e3)))
     found += [x for k in range(6, 10) for x in changed.process(two(k, 1.1, 2.0, [bands[0], (40e3, 46e3)]))]
     of_a = [[v for s, v in run if s == 0] for run in (expected, found)]
     assert [v.bearing for v in of_a[1]] == pytest.approx([v.bearing for v in of_a[0]], abs=2e-3)
@@ -190,11 +191,11 @@ def test_retuning_one_source_leaves_the_other_as_it_is():
 @pytest.mark.parametrize("before", ["none", "particle", "histogram"])
 @pytest.mark.parametrize("after", ["none", "particle", "histogram"])
 def test_another_filter_begins_with_the_last_ones_estimate(before, after):
-    config = replace(CONFIG, filter=before, assumed_side="both")
+    config = altered(CONFIG, filter=before, assumed_side="both")
     estimator = BearingEstimator(config, INFO)
     for k in range(4):
         list(estimator.process(frame(k, 1.1)))
-    estimator.change(replace(config, filter=after))
+    estimator.change(altered(config, filter=after))
     for state in estimator.tracks[0].filters.values():
         assert state.estimate()[0] == pytest.approx(1.1, abs=0.01)
     found = [b.bearing for _, b in estimator.process(frame(4, 1.1))]
@@ -202,7 +203,7 @@ def test_another_filter_begins_with_the_last_ones_estimate(before, after):
 
 
 def test_a_band_beyond_half_the_sample_rate_is_refused_and_nothing_changes():
-    estimator, bad = BearingEstimator(CONFIG, INFO), replace(CONFIG, band_low=(40e3,), band_high=(60e3,))
+    estimator, bad = BearingEstimator(CONFIG, INFO), altered(CONFIG, band_low=(40e3,), band_high=(60e3,))
     for refuse in (estimator.check, estimator.change):
         with pytest.raises(ValueError, match="band must be 0 < low < high < 50000 Hz, got 40000 to 60000 Hz"):
             refuse(bad)

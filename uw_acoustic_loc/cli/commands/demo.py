@@ -39,7 +39,7 @@ def run(options: Namespace) -> int:
     folder.mkdir(parents=True)
     harbour = resource("config/harbour")
     duration = load_scenario(harbour / "scenario.yaml").duration
-    code = launch_graph(harbour / "graph.yaml", folder / "bag", duration)
+    code = launch_graph(harbour / "graph.yaml", folder / "bag", duration, bag_is_vital=True)
     recording = load(folder / "bag")
     scored = score(recording)
     write_report(recording, scored, folder / "report.html")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import NodeLog, progress
+from ..console import NodeLog, importing, progress
 
 HELP = "start the nodes of a graph, one process each"
 
@@ -23,11 +23,15 @@ def run(options: Namespace) -> int:
     return launch_graph(options.graph, options.record, options.duration)
 
 
-def launch_graph(graph: Path, record: Path | None, duration: float) -> int:
-    """Runs a graph file's nodes until the duration is over (0 = until stopped); returns the exit code."""
-    from ...graph import load_graph
-    from ...ros.orchestrator.launcher import Launcher, LaunchOptions
+def launch_graph(graph: Path, record: Path | None, duration: float, bag_is_vital: bool = False) -> int:
+    """Runs a graph file's nodes until the duration is over (0 = until stopped); returns the exit code.
+
+    When the recorder fails the run goes on, unless the bag is what it is made for.
+    """
+    with importing():
+        from ...graph import load_graph
+        from ...ros.orchestrator.launcher import Launcher, LaunchOptions
 
     with progress("launch", duration) as bar:
-        options = LaunchOptions(record, duration, progress=bar if duration else None)
+        options = LaunchOptions(record, bag_is_vital, duration, progress=bar if duration else None)
         return Launcher(load_graph(graph), options, NodeLog()).run()

@@ -22,6 +22,7 @@ def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
     add_bag_and_graph(parser, many=True)
     parser.add_argument("--jobs", type=_positive, default=1, metavar="N", help="bags at a time (default %(default)s)")
+    parser.add_argument("--allow-unused", action="store_true", help="exit 0 though an estimator used no message")
     parser.add_argument("--keep-inputs", action="store_true", help="copy the bag's other topics into the output")
 
 
@@ -55,7 +56,10 @@ def _process_one(path: Path, options: Namespace) -> int:
     speed = (last - first) * 1e-9 / max(seconds, 1e-9)
     STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
     refusals.summary()
-    return damage_code(bag.damage)
+    idle = [f"{name} {why}" for name, runner in run.pipeline.runners.items() if (why := runner.idle_reason())]
+    for sentence in idle:
+        STDERR.print(sentence, markup=False)
+    return 1 if idle and not options.allow_unused else damage_code(bag.damage)
 
 
 class _Refusals:

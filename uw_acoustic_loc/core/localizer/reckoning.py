@@ -68,22 +68,21 @@ class Reckoning:
 
     @property
     def yaw_variance(self) -> float:
-        """Of the last odometry, in rad^2; 0 when it does not know its covariance."""
-        cov = None if self.last is None else self.last.pose_cov
-        return 0.0 if cov is None or cov[0, 0] < 0 else float(cov[5, 5])
+        """Of the last odometry, in rad^2; 0 when it does not know it."""
+        return 0.0 if self.last is None else max(self.last.pose_cov.item(5, 5), 0.0)
 
     def pose_cov_at(self, point: Array) -> Array:
         """(2, 2) what the odometry's own pose covariance makes of a point (2,) of odom that is seen from there.
 
-        Zero when the odometry does not know its covariance.
+        What the odometry does not know of its covariance counts as zero.
         """
         odometry = self.last
-        if odometry is None or odometry.pose_cov[0, 0] < 0:
+        if odometry is None:
             return np.zeros((2, 2))
         dx, dy = (point - odometry.position[:2]).tolist()
         get = odometry.pose_cov.item
-        x_yaw, y_yaw, yaws = get(0, 5), get(1, 5), get(5, 5)
-        xx, yy = get(0, 0) - dy * (2 * x_yaw - dy * yaws), get(1, 1) + dx * (2 * y_yaw + dx * yaws)
+        x_yaw, y_yaw, yaws = get(0, 5), get(1, 5), max(get(5, 5), 0.0)
+        xx, yy = max(get(0, 0), 0.0) - dy * (2 * x_yaw - dy * yaws), max(get(1, 1), 0.0) + dx * (2 * y_yaw + dx * yaws)
         xy = get(0, 1) + dx * x_yaw - dy * (y_yaw + dx * yaws)
         return np.array(((xx, xy), (xy, yy)))
 

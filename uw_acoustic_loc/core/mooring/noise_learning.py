@@ -1,8 +1,8 @@
 """The standard deviation and impulse fraction of a noise, worked out from the measurements that a particle filter sees.
 
-A grid of hypotheses, each weighted by how well it has foretold the measurements so far; the particles are weighted with
-the average likelihood of all. Cloud and hypotheses are taken as independent after every measurement. Shape and relative
-scale of the impulses are given.
+A grid of hypotheses, each weighted by how well it has predicted the measurements so far; the particles are weighted
+with the average likelihood of all. Cloud and hypotheses are taken as independent after every measurement. Shape and
+relative scale of the impulses are given.
 """
 
 from __future__ import annotations
@@ -40,17 +40,17 @@ class LearntNoise:
         share = self._weights @ FRACTIONS  # (runs, stds) of the impulses
         gaussian_share = self._weights.sum(axis=2) - share
         total = np.zeros_like(weights)
-        foretold = np.empty((2, *share.shape))
+        predicted = np.empty((2, *share.shape))
         for k, std in enumerate(self._stds):
             z = errors / std
             parts = self._gaussian(z) * (self._peak[0] / std), self._impulse(z) * (self._peak[1] / std)
-            foretold[:, :, k] = [np.einsum("rn,rn->r", part, weights) for part in parts]
+            predicted[:, :, k] = [np.einsum("rn,rn->r", part, weights) for part in parts]
             total += gaussian_share[:, k, None] * parts[0] + share[:, k, None] * parts[1]
-        self._learn(*foretold)
+        self._learn(*predicted)
         return weights * total
 
     def _learn(self, gaussian: Array, impulse: Array) -> None:
         """Takes in the densities (runs, stds) that either kind of noise has given to a measurement."""
-        foretold = gaussian[:, :, None] * (1 - FRACTIONS) + impulse[:, :, None] * FRACTIONS
-        posterior = self._weights ** (1 - 1 / MEMORY) * foretold
+        predicted = gaussian[:, :, None] * (1 - FRACTIONS) + impulse[:, :, None] * FRACTIONS
+        posterior = self._weights ** (1 - 1 / MEMORY) * predicted
         self._weights = posterior / posterior.sum(axis=(1, 2), keepdims=True)

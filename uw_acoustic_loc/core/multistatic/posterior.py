@@ -1,4 +1,4 @@
-"""Mean and covariance of a skewed likelihood, which its mode and curvature do not tell."""
+"""Mean and covariance of a skewed likelihood, which its mode and curvature do not give."""
 
 from __future__ import annotations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +11,12 @@ from ..localizer.localizer import independent_share, std_of
 from ..localizer.triangulation import PlanarFix
 from ..types import Array, Bearing, BodyVelocity, Imu
 from .config import SlamConfig
-from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, moved
-from .joint import Joint, Prediction
-from .landmark import Landmark, Pose
+from .gap import bridge
+from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, YAW, moved
+from .joint import Joint
+from .landmark import Landmark, Pose, images_of
+from .relocation import Relocation, Sighting, place
+from .velocity_log import VelocityLog
 
 
 class SourceBearing(NamedTuple):
@@ -25,15 +27,6 @@ class SourceBearing(NamedTuple):
 
 
 Measurement = Imu | BodyVelocity | SourceBearing
-
-
-@dataclass
-class Counts:
-    """What the Doppler log's gate did."""
-
-    used: int = 0
-    unused: int = 0
-    in_a_row: int = field(default=0, repr=False)
 
 
 class Slam:
@@ -51,14 +44,16 @@ class Slam:
         variances[GYRO_BIAS], variances[LOG_BIAS] = config.gyro_bias_std**2, config.dvl_bias_std**2
         self.joint = Joint(np.zeros(SIZE), variances)
         self.pingers: dict[str, Landmark] = {}
-        self.dvl = Counts()
+        self.dvl = VelocityLog()
+        self.relocation: Relocation | None = None  # while the vehicle is lost
+        self.relocations = 0
         self.imu_gaps = 0  # longer than imu_timeout
         self.imu_ahead = 0  # IMU readings in a row from too far in the future
         self.imu_age = 0.0  # s, how old the last IMU reading was when another sensor's came
         self._reading = np.zeros((2, 3))  # angular rate and specific force, held until the next
         self._raw = Pose(0.0, 0.0, 0.0, 0.0)  # dead reckoning with the biases in it
         self._heard_ns: dict[str, int] = {}
-        self._begin_ns = self._t_ns = self._imu_ns = self._dvl_ns = 0
+        self._begin_ns = self._t_ns = self._imu_ns = self._dvl_ns = self._velocity_ns = 0
         self._interval = 0.0  # s between the last two IMU readings
         self._gathered, self._pending = np.zeros((2, 3)), 0.0  # integral of the readings, and s, not yet in `joint`
 
@@ -69,8 +64,8 @@ class Slam:
 
     @property
     def dvl_age(self) -> float:
-        """Time in s since the Doppler log's last reading, or since the start."""
-        return (self._t_ns - (self._dvl_ns or self._begin_ns)) * 1e-9
+        """Time in s since the last velocity that said something, or since the start."""
+        return (self._t_ns - (self._velocity_ns or self._begin_ns)) * 1e-9
 
     def settle(self) -> None:
         """Brings `joint` to the last stamp; it may be some readings of the IMU behind."""
@@ -116,17 +111,14 @@ class Slam:
         self._imu_ns, self._t_ns, self.imu_age = t_ns, t_ns, 0.0
 
     def _take_velocity(self, velocity: BodyVelocity) -> None:
-        t_ns, linear = velocity.t_ns, velocity.linear
+        t_ns = velocity.t_ns
         self._require_imu(t_ns)
         _require_later("velocity", t_ns, self._dvl_ns)
         self._gather(t_ns)
         self.settle()
         self._dvl_ns = t_ns
-        if not self._velocity_fits(linear):
-            return
-        for axis in range(3):
-            prediction = self._predicted_velocity(axis)
-            self.joint.correct(prediction, float(linear[axis]) - prediction.value, self.config.dvl_std**2)
+        if self.dvl.correct(self.joint, velocity, self.config):
+            self._velocity_ns = t_ns
 
     def _take_bearing(self, source_id: str, bearing: Bearing) -> None:
         t_ns, heard_ns = bearing.t_ns, self._heard_ns.get(source_id, 0)
@@ -139,24 +131,62 @@ class Slam:
         share = independent_share(interval, self.config.bearing_correlation_time)
         self._heard_ns[source_id] = t_ns
         landmark = self.pingers.setdefault(source_id, Landmark(self.joint))
+        if self.relocation is not None:
+            self._relocate(self.relocation, landmark, bearing, std**2 / share)
+            return
         landmark.update(self.config, self._raw, bearing.bearing, std, share, bearing.position[:2])
+        if self._most_unused():
+            self.joint.widen(slice(0, 2), _ASTRAY**2)
+            self.joint.widen(slice(YAW, YAW + 1), _TURNED**2)
+            self._lose("bearings of most known pingers do not fit")
 
-    def _go_on(self, interval: float, t_ns: int) -> None:
-        """The readings of one step are taken together; not with those before or after a gap, which are worth less."""
-        gap = interval > self.config.imu_timeout
-        if gap:
-            self.settle()
-            self._after_gap()
-        self._interval = interval
-        self._gather(t_ns)
-        if gap or self._pending + interval > _LONGEST_STEP:
-            self.settle()
+    def _relocate(self, relocation: Relocation, landmark: Landmark, bearing: Bearing, variance: float) -> None:
+        """Bearings of known pingers tell where the vehicle is; those of others wait until then."""
+        if landmark.slot is None:
+            return
+        images = tuple(images_of(bearing.bearing, self.config))
+        relocation.hear(Sighting(self._raw, bearing.position[:2], images, variance, landmark.slot))
+        found = relocation.solve(self.joint)
+        if found is not None:
+            place(self.joint, found)
+            self.relocation, self.relocations = None, self.relocations + 1
 
-    def _after_gap(self) -> None:
-        """Lines from before and after do not belong to one known track."""
-        self.imu_gaps += 1
+    def _most_unused(self) -> bool:
+        """Whether the vehicle, and not a pinger, is wrong: most of the known pingers do not fit."""
+        known = [pinger for pinger in self.pingers.values() if pinger.slot is not None]
+        wrong = [pinger for pinger in known if pinger.unused_in_a_row >= self.config.reset_after // 5]
+        return len(wrong) > 1 and 2 * len(wrong) > len(known)
+
+    def _lose(self, reason: str) -> None:
+        """From now on the pose is looked for; what is still known of it, with doubt, is the prior."""
+        pose = [0, 1, YAW]
+        prior = self.joint.mean[pose].copy(), self.joint.cov[np.ix_(pose, pose)].copy()
+        self.relocation = Relocation(reason, prior, self._raw.time)
         for pinger in self.pingers.values():
             pinger.drop_lines()
+            pinger.unused_in_a_row = 0
+
+    def _go_on(self, interval: float, t_ns: int) -> None:
+        """The readings of one step are taken together; not with those before a gap."""
+        self._interval = interval
+        if interval > self.config.imu_timeout:
+            self._bridge(interval, t_ns)
+            return
+        self._gather(t_ns)
+        if self._pending + interval > _LONGEST_STEP:
+            self.settle()
+
+    def _bridge(self, interval: float, t_ns: int) -> None:
+        """Lines from before and after a gap do not belong to one known track."""
+        self.settle()
+        bridge(self.joint, (t_ns - self._t_ns) * 1e-9, self.angular.item(2))
+        self._raw = self._raw._replace(time=self._raw.time + (t_ns - self._t_ns) * 1e-9)
+        self._t_ns, self.imu_gaps = t_ns, self.imu_gaps + 1
+        for pinger in self.pingers.values():
+            pinger.drop_lines()
+        known = any(pinger.slot is not None for pinger in self.pingers.values())
+        if known and (self.relocation is not None or self.joint.cov.item(YAW, YAW) > _TURNED_TOO_FAR**2):
+            self._lose(f"the IMU was silent for {interval:.1f} s")
 
     def _gather(self, t_ns: int) -> None:
         """Lets the held reading last until a stamp."""
@@ -166,9 +196,8 @@ class Slam:
 
     def _step(self, dt: float, rates: Array, force: Array) -> None:
         config, joint, interval = self.config, self.joint, self._interval
-        lost = interval > config.imu_timeout  # the held reading then says little about the gap
-        gyro = max(config.gyro_std, lost * _LOST_RATE) ** 2 * interval  # power densities of the held noise
-        accelerometer = max(config.accelerometer_std, lost * _LOST_ACCELERATION) ** 2 * interval
+        gyro = config.gyro_std**2 * interval  # power densities of the held noise
+        accelerometer = config.accelerometer_std**2 * interval
         self._raw = self._reckoned(dt, rates.item(2))
         driving, added = np.zeros(12), np.zeros(9)
         driving[GYRO_BIAS], added[VELOCITY] = gyro / dt, accelerometer * dt
@@ -183,34 +212,15 @@ class Slam:
         c, s = math.cos(midway), math.sin(midway)
         return Pose(raw.x + (c * u - s * v) * dt, raw.y + (s * u + c * v) * dt, raw.yaw + rate * dt, raw.time + dt)
 
-    def _predicted_velocity(self, axis: int) -> Prediction:
-        return self.joint.total(VELOCITY.start + axis, LOG_BIAS.start + axis)
-
-    def _velocity_fits(self, linear: Array) -> bool:
-        """The gate; a vehicle that was pushed fails it too, so the third failure in a row opens it."""
-        limit = self.config.gate_sigma**2
-        predictions = [self._predicted_velocity(axis) for axis in range(3)]
-        errors = [float(v) - p.value for v, p in zip(linear, predictions, strict=True)]
-        ratios = [e * e / (p.variance + self.config.dvl_std**2) for e, p in zip(errors, predictions, strict=True)]
-        fits = max(ratios) <= limit
-        self.dvl.in_a_row = 0 if fits else self.dvl.in_a_row + 1
-        if self.dvl.in_a_row == _PUSHED:
-            self.joint.widen(VELOCITY, max(e * e for e in errors))
-            self.dvl.in_a_row, fits = 0, True
-        self.dvl.used, self.dvl.unused = self.dvl.used + fits, self.dvl.unused + (not fits)
-        return fits
-
     def _require_order(self, t_ns: int) -> None:
         if t_ns < self._t_ns:
             raise ValueError(f"stamp {t_ns} ns must not be before {self._t_ns} ns, which has been handled")
 
     def _require_near(self, t_ns: int) -> None:
-        ahead = (t_ns - self._imu_ns) * 1e-9
-        self.imu_ahead = self.imu_ahead + 1 if ahead > _LONGEST_GAP else 0
+        gap = (t_ns - self._imu_ns) * 1e-9
+        self.imu_ahead = self.imu_ahead + 1 if gap > _LONGEST_GAP else 0
         if self.imu_ahead:
-            raise ValueError(
-                f"IMU stamp is {ahead:.1f} s after the last one, at most {_LONGEST_GAP:g} s can be bridged"
-            )
+            raise ValueError(f"IMU stamp is {gap:.1f} s after the last one, at most {_LONGEST_GAP:g} s can be bridged")
 
     def _require_imu(self, t_ns: int) -> None:
         if not self._imu_ns:
@@ -235,7 +245,6 @@ def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> Non
 _START_SPEED = 3.0  # m/s, std per axis before the Doppler log speaks
 _LONGEST_STEP = 0.04  # s
 _LONGEST_GAP = 60.0  # s
-_LOST_RATE = 0.2  # rad/s, how well a reading describes a gap
-_LOST_ACCELERATION = 0.5  # m/s^2
-_PUSHED = 3
+_TURNED_TOO_FAR = 0.5  # rad of yaw's std, beyond which bearings cannot be linearised
+_ASTRAY, _TURNED = 50.0, 2.0  # m and rad of doubt about a pose that no bearing fits
 _FASTEST, _HARDEST = 10.0, 100.0  # rad/s, m/s^2; beyond is a fault, one held reading of which would turn the track

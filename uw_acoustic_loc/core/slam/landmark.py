@@ -153,23 +153,23 @@ class Landmark:
     def __init__(self, joint: Joint) -> None:
         self._joint = joint
         self._sides: list[Lines] = []
-        self._slot: Slot | None = None
+        self.slot: Slot | None = None  # in the joint state; None until the position is known
         self.both_sides = False
         self.lines_bias: Estimate | None = None  # the yaw gyro's, at which lines meet that do not at the filter's
         self.used = self.unused = self.restarts = 0
         self.nis = 0.0
-        self._in_a_row = 0  # bearings beyond the gate
+        self.unused_in_a_row = 0  # bearings beyond the gate
 
     @property
     def fix(self) -> PlanarFix | None:
         """The position; None until it is known."""
-        return None if self._slot is None else self._joint.position(self._slot)
+        return None if self.slot is None else self._joint.position(self.slot)
 
     def update(self, config: SlamConfig, raw: Pose, bearing: float, std: float, share: float, offset: Array) -> None:
         """Takes a bearing of an array at `offset` (2,); with correlated errors it counts with its share."""
-        images = [bearing, mirror_bearing(bearing, config.array_yaw)][: 1 + config.mirror]
-        if self._slot is not None:
-            self._correct(self._slot, config, images, std, share, offset)
+        images = images_of(bearing, config)
+        if self.slot is not None:
+            self._correct(self.slot, config, images, std, share, offset)
             return
         self._sides = self._sides or [Lines() for _ in images]
         for lines, image in zip(self._sides, images, strict=True):
@@ -193,16 +193,16 @@ class Landmark:
         if self.nis > config.gate_sigma**2:
             self._reject(config)
             return
-        self.used, self._in_a_row = self.used + 1, 0
+        self.used, self.unused_in_a_row = self.used + 1, 0
         if config.bearing_noise == "student_t":  # the expected precision of this error (Lange et al. 1989)
             variance *= (_FREEDOM + error * error / (prediction.variance + variance)) / (_FREEDOM + 1)
         self._joint.correct(prediction, error, variance)
 
     def _reject(self, config: SlamConfig) -> None:
-        self.unused, self._in_a_row = self.unused + 1, self._in_a_row + 1
-        if self._in_a_row >= config.reset_after and self._slot is not None:
-            self._joint.remove(self._slot)
-            self._slot, self._sides, self._in_a_row = None, [], 0
+        self.unused, self.unused_in_a_row = self.unused + 1, self.unused_in_a_row + 1
+        if self.unused_in_a_row >= config.reset_after and self.slot is not None:
+            self._joint.remove(self.slot)
+            self.slot, self._sides, self.unused_in_a_row = None, [], 0
             self.restarts += 1
 
     def _try_to_start(self, config: SlamConfig, raw: Pose) -> None:
@@ -228,7 +228,12 @@ class Landmark:
             J = np.zeros((2, SIZE))
             J[0, 0] = J[1, 1] = 1.0
             J[:, YAW], J[:, BIASES] = (-dy, dx), best.by_bias
-            self._slot, self._sides = self._joint.add(best.fix, J), []
+            self.slot, self._sides = self._joint.add(best.fix, J), []
+
+
+def images_of(bearing: float, config: SlamConfig) -> list[float]:
+    """The bearing, and with `mirror` its image."""
+    return [bearing, mirror_bearing(bearing, config.array_yaw)][: 1 + config.mirror]
 
 
 def _decided(found: list[Meeting], sides: int, least: float) -> Meeting | None:

@@ -21,12 +21,14 @@ BIAS_STD = 1.0  # s; what is left of an unknown emission time after centring at 
 
 
 def height_from_pressure(pressure: float, variance: float, sensor: PressureSensor) -> tuple[float, float]:
-    """z in m and its variance from an absolute pressure in Pa; a variance of 0 is unknown, `pressure_std` stands in.
+    """z in m and its variance from an absolute pressure in Pa; `pressure_std` for a variance that is not above 0.
 
     At 1e5 Pa above that of the air, in sea water: -9.95 m.
     """
     weight = sensor.water_density * _GRAVITY
-    return (sensor.surface_pressure - pressure) / weight, (variance or sensor.pressure_std**2) / weight**2
+    return (sensor.surface_pressure - pressure) / weight, (
+        variance if variance > 0 else sensor.pressure_std**2
+    ) / weight**2
 
 
 def with_height(mean: Array, cov: Array, z: float, variance: float, age: float) -> tuple[Array, Array]:

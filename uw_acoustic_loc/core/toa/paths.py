@@ -77,7 +77,7 @@ def make_net(ids: Sequence[int], positions: Array, bottom_depth: float, sway: Ar
 def screen(
     arrivals: Arrivals, net: ReceiverNet, max_delay: float = math.inf, std: float = math.nan
 ) -> tuple[Epoch, Counter[str]]:
-    """The usable rows, and how many were refused for which reason; a row is counted once.
+    """The usable rows; how many were refused for which of the REASONS, each once, are repeated or lack a std.
 
     `std` stands in for one that is not given (0, negative, NaN); an arrival that is no better known than `max_delay`
     says nothing.
@@ -88,22 +88,27 @@ def screen(
     stds = np.where(given > 0, given, std)
     known = (path >= 0) & (path <= Arrivals.SURFACE)
     modelled = known & ((path == 0) | np.isfinite(net.images[np.where(known, path, 0), receiver, 0]))
+    passes = (np.isfinite(time), time >= 0, time <= max_delay, stds < max_delay, receiver >= 0, modelled)
     good = np.ones(len(time), dtype=bool)
     refused: Counter[str] = Counter()
-    for reason, passed in (
-        ("not_finite", np.isfinite(time)),
-        ("negative_time", time >= 0),
-        ("from_the_future", time <= max_delay),
-        ("no_information", stds < max_delay),
-        ("unknown_receiver", receiver >= 0),
-        ("path_not_modelled", modelled),
-    ):
+    for reason, passed in zip(REASONS, passes, strict=True):
         refused[reason] = int(np.count_nonzero(good & ~passed))
         good &= passed
     usable = Epoch(arrivals.t_ns, net, receiver, path, time, stds, np.asarray(arrivals.snr, dtype=float)).rows(good)
     epoch = _without_repetitions(usable)
     refused["repeated"] = len(usable.time) - len(epoch.time)
+    refused["std_not_given"] = int(np.count_nonzero(good & ~(given > 0)))
     return epoch, +refused
+
+
+REASONS = (
+    "not_finite",
+    "negative_time",
+    "from_the_future",
+    "no_information",
+    "unknown_receiver",
+    "path_not_modelled",
+)
 
 
 def merged(a: Epoch, b: Epoch) -> Epoch:

@@ -151,22 +151,23 @@ class ToaTracker:
         return estimate
 
     def _solve(self, epochs: list[Epoch], start: Array | None) -> ToaEstimate | None:
+        """Only with a prior within which the arrivals' rings are straight less than three receivers make a place."""
         t_ns = epochs[-1].t_ns
         prior = self._now.prior
         if prior:
             mean, cov = predict(*prior, (t_ns - epochs[0].t_ns) * 1e-9, self._config)
-            starts = around(mean, cov) if any(too_open(e, mean, cov) for e in epochs) else mean[None]
+            wide = any(too_open(epoch, mean, cov) for epoch in epochs)
+            starts = around(mean, cov) if wide else mean[None]
         else:
             mean, cov = with_clocks(*cold_prior(self._net, self._config), len(self._net.index), self._config)
-            starts = cold_starts(self._net, mean)
+            wide, starts = True, cold_starts(self._net, mean)
         if epochs[-1].height:
             mean, cov = with_height(mean, cov, *epochs[-1].height)
         s = solve(epochs, mean, cov, starts if start is None else start[None], self._config)
-        if prior:
-            good = s.used > s.rejected and not any(too_open(e, s.mean, s.cov) for e in epochs)
-        else:
-            good = _vouched_for(s, 0 if self._config.emission == "known" else len(epochs))
-        return ToaEstimate(t_ns, s.mean, s.cov, s.used, s.rejected, s.cost, s.inside) if good else None
+        emissions = 0 if self._config.emission == "known" else len(epochs)
+        if not (_vouched_for(s, emissions) if wide else s.used > s.rejected):
+            return None
+        return ToaEstimate(t_ns, s.mean, s.cov, s.used, s.rejected, s.cost, s.inside)
 
     def _by_prediction(self, epoch: Epoch, estimate: ToaEstimate) -> tuple[Epoch, ArrivalPaths | None]:
         mean, cov = predict(estimate.mean, estimate.cov, (epoch.t_ns - estimate.t_ns) * 1e-9, self._config)

@@ -8,21 +8,25 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from ...contract import Status
 from ...graph import Graph, GraphNode
 from ...resolved_graph import ResolvedDriver, ResolvedNode, resolve_node, upstream_first
 from ...sim.catalog import SOURCES
 from ...stages.catalog import is_stage
+from ..diagnostics import Diagnostics
+from ..qos import check_overrides
 from ..report import Deliveries, Reports
 from ..sync import SyncClient
-from .command_line import command_line, recorder_node
+from .command_line import RECORDER, command_line, is_ours, parameters, recorder_node
 from .pacing import ClockPacing, Pacing, PlayerPacing, RealTimePacing, Stuck
-from .processes import USER_ERROR, Log, Processes
+from .processes import USER_ERROR, Log, Processes, Restart, ended_how
 from .readiness import Readiness
 from .shared_memory import SharedMemory
 from .stopping import OrderedStop, StopOrder
@@ -34,6 +38,7 @@ class LaunchOptions:
     """How a graph is run. Times in s; `duration` 0 = until SIGINT or SIGTERM."""
 
     bag: Path | None = None  # to be recorded
+    bag_is_vital: bool = False  # without a recorder the run fails; otherwise it goes on, and so does the bag
     duration: float = 0.0
     player: GraphNode | None = None  # started with the graph's own nodes, and gives them /clock
     progress: Callable[[float], None] | None = None  # gets simulated seconds since the start
@@ -52,17 +57,22 @@ class Launcher:
             raise ValueError(f"bag {options.bag} exists already: choose another name or remove it")
         wirings = [resolve_node(node) for node in graph.nodes]
         self._wirings = upstream_first(wirings)
+        for resolved in wirings:
+            _check_overrides(resolved)
         self._sim_time = graph.clock_rate > 0 or options.player is not None
-        self._recorder = recorder_node(options.bag, self._wirings) if options.bag else None
-        everything = [node for node in (self._recorder, *graph.nodes, options.player) if node]
-        drivers = {w.node.full_name: w for w in wirings if isinstance(w, ResolvedDriver)}
+        self._recorder = recorder_node(options.bag, self._wirings, not options.bag_is_vital) if options.bag else None
+        everything = [*(ResolvedNode(node) for node in (self._recorder, options.player) if node), *wirings]
+        self._folder = TemporaryDirectory(prefix="uwloc_")  # of parameter files, which a restart reads again
         self._commands = {
-            node.full_name: command_line(node, graph.path, self._sim_time, drivers.get(node.full_name))
-            for node in everything
+            resolved.node.full_name: command_line(
+                resolved.node, graph.path, parameters(resolved, self._sim_time, Path(self._folder.name))
+            )
+            for resolved in everything
         }
-        ours = [n.full_name for n in everything if n.executable in (*SOURCES, "recorder") or is_stage(n.executable)]
+        names = {resolved.node.full_name: resolved.node.executable for resolved in everything}
+        ours = [name for name, executable in names.items() if is_ours(executable) and executable != "player"]
         self._processes = Processes(ours, log)
-        self._player = next((node.full_name for node in everything if node.executable == "player"), "")
+        self._player = options.player.full_name if options.player else ""
         self._stopped = False
         self._deliveries = Deliveries()
         self.reports: Reports = {}  # of the nodes at the end of their input
@@ -78,7 +88,7 @@ class Launcher:
         self._executor.add_node(self._node)
         try:
             for name, command in self._commands.items():
-                self._processes.start(name, command)
+                self._processes.start(name, command, self._restart(name))
             return self._go()
         finally:
             self._processes.stop_all()  # what an error left running
@@ -86,22 +96,25 @@ class Launcher:
             self._node.destroy_node()
             rclpy.try_shutdown()
             memory.clean()
+            self._folder.cleanup()
 
     def _go(self) -> int:
         self._sync = SyncClient(self._node, self._executor, [*self._processes.ours, *filter(None, [self._player])])
-        pacing = self._pacing()
+        self._pacing = self._make_pacing()
+        if not self._player:
+            Diagnostics(self._node, self._status)
         readiness = Readiness(self._sync, self._processes, self._processes.ours, self._log)
         if not readiness.wait(self._is_stopped, self._player):
             return 0 if self._stopped else 1
         self._log("launcher", f"{len(self._commands)} nodes are ready")
-        code = self._drive(pacing)
+        code = self._drive()
         return max(code, self._stop_in_order())
 
-    def _pacing(self) -> Pacing:
+    def _make_pacing(self) -> Pacing:
         if self._player:
             return PlayerPacing(self._sync, self._player)
         if not self._sim_time:
-            return RealTimePacing(self._node, self._sync, self._processes, self._log)
+            return RealTimePacing(self._sync, self._processes, self._log)
         return ClockPacing(
             self._node,
             self._sync,
@@ -116,12 +129,12 @@ class Launcher:
             stopped=self._is_stopped,
         )
 
-    def _drive(self, pacing: Pacing) -> int:
+    def _drive(self) -> int:
         """Lets the time go on and watches the nodes until the end."""
-        pacing.begin()
+        self._pacing.begin()
         while not self._stopped:
             try:
-                now = pacing.advance()
+                now = self._pacing.advance()
             except Stuck as stuck:
                 self._log("launcher", f"{stuck}: stopping")
                 return 1
@@ -132,7 +145,7 @@ class Launcher:
             if self._options.duration and now >= self._options.duration:
                 break
             self._executor.spin_once(timeout_sec=0.0)
-            pacing.rest()
+            self._pacing.rest()
         return 0
 
     def _watch(self) -> int | None:
@@ -142,6 +155,9 @@ class Launcher:
                 return 0
             if code == USER_ERROR:
                 self._log("launcher", f"{name} has given up: stopping")
+                return 1
+            if code:
+                self._log("launcher", f"{name} {ended_how(code)}: stopping")
                 return 1
             self._log("launcher", f"{name} has ended: stopping")
             return 0
@@ -158,11 +174,34 @@ class Launcher:
         self.reports = stop.reports
         return max(lost, stop.end())
 
+    def _restart(self, name: str) -> Restart:
+        if name != RECORDER:
+            return Restart.AFTER_A_CRASH
+        return Restart.NEVER if self._options.bag_is_vital else Restart.AFTER_ANY_FAILURE
+
+    def _status(self) -> Status:
+        """For diagnostics: what does not run, or has not all the time."""
+        failures, restarts = self._processes.failures(), self._processes.restarts()
+        values = {f"{name} restarts": count for name, count in restarts.items()}
+        if failures:
+            return Status(Status.ERROR, "; ".join(failures), values)
+        if restarts:
+            return Status(Status.WARN, f"started again: {', '.join(restarts)}", values)
+        return self._pacing.status()
+
     def _is_stopped(self) -> bool:
         return self._stopped
 
     def _on_signal(self, _number: int, _frame: Any) -> None:
         self._stopped = True
+
+
+def _check_overrides(resolved: ResolvedNode) -> None:
+    """Of a node of this package: what it publishes and subscribes to is known."""
+    if is_ours(resolved.node.executable):
+        own = [resolved.node.resolve("markers"), "/diagnostics", "/clock", "/tf", "/parameter_events", "/rosout"]
+        topics = {*resolved.inputs, *resolved.outputs, *own}
+        check_overrides(resolved.node.params, topics, f"node {resolved.node.full_name}")
 
 
 def _start_ns(wirings: Sequence[ResolvedNode]) -> int:

@@ -10,7 +10,6 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from ...contract import Status
-from ..diagnostics import Diagnostics
 from ..rclpy_messages import clock_message
 from ..report import Deliveries, Missing, Reports, behind, missing, published
 from ..sync import SyncClient
@@ -39,6 +38,8 @@ class Pacing(Protocol):
     def advance(self) -> float: ...
 
     def rest(self) -> None: ...
+
+    def status(self) -> Status: ...
 
 
 class ClockPacing:
@@ -93,6 +94,11 @@ class ClockPacing:
         if (time.monotonic() - self._begun) * self._rate < (self._windows + 1) * self._window_s:
             time.sleep(_TICK_S)
 
+    def status(self) -> Status:
+        """For diagnostics: what is given up."""
+        lost = self._deliveries.lost
+        return Status(Status.WARN, f"lost on the way: {'; '.join(lost)}") if lost else Status()
+
     def _tick(self, now: float) -> None:
         now = min(now, self._duration) if self._duration else now
         self._publisher.publish(clock_message(self._start_ns + round(now * 1e9)))
@@ -142,15 +148,18 @@ class PlayerPacing:
         """Until it may have gone on."""
         time.sleep(_LOOK_S)
 
+    def status(self) -> Status:
+        """For diagnostics."""
+        return Status()
+
 
 class RealTimePacing:
     """Real time; names in the log and in diagnostics who has not taken what was sent to it."""
 
-    def __init__(self, node: Node, sync: SyncClient, processes: Processes, log: Log) -> None:
+    def __init__(self, sync: SyncClient, processes: Processes, log: Log) -> None:
         self._processes, self._log = processes, log
         self._overdue = Overdue(sync)
         self._begun = 0.0
-        Diagnostics(node, self._overdue.status)
 
     def begin(self) -> None:
         """Time counts from now on."""
@@ -165,6 +174,10 @@ class RealTimePacing:
     def rest(self) -> None:
         """Until the next look at the processes."""
         time.sleep(_LOOK_S)
+
+    def status(self) -> Status:
+        """For diagnostics: what is overdue."""
+        return self._overdue.status()
 
 
 class Overdue:

@@ -9,14 +9,28 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from enum import Enum
 
 from ..spin import LAUNCHER
 
 Log = Callable[[str, str], None]  # who, line
 
-_BACKOFF_S = (0.1, 0.5, 1.0, 2.0, 5.0)
+_BACKOFF_S = (0.0, 0.5, 1.0, 2.0, 5.0)  # before another start: of what had run well, and of crashes in a row
+_STABLE_S = 10.0  # what has run for so long had not failed to start
+_RECENT_S = 10.0  # for diagnostics, which many look at once in a while
 _PATIENCE_S = 5.0  # for each of SIGINT, SIGTERM
 USER_ERROR = 1  # the exit code of a node that has said in one sentence what is wrong: starting it again cannot help
+
+
+class Restart(Enum):
+    """Which end of a process is followed by another start."""
+
+    NEVER = "never"
+    AFTER_A_CRASH = "after a crash"
+    AFTER_ANY_FAILURE = "after any failure"  # a user's error too: a full disk may be emptied
+
+
+_FINAL = {Restart.AFTER_A_CRASH: (0, USER_ERROR), Restart.AFTER_ANY_FAILURE: (0,)}
 
 
 class Processes:
@@ -31,9 +45,9 @@ class Processes:
         """In the order of their start."""
         return list(self._processes)
 
-    def start(self, name: str, command: list[str]) -> None:
+    def start(self, name: str, command: list[str], restart: Restart) -> None:
         """Starts a node."""
-        self._processes[name] = NodeProcess(name, command, self._log)
+        self._processes[name] = NodeProcess(name, command, self._log, restart)
 
     def ended(self) -> dict[str, int]:
         """Exit codes of those that do not run."""
@@ -54,6 +68,11 @@ class Processes:
         """How often each that had to be was started again."""
         return {name: process.restarts for name, process in self._processes.items() if process.restarts}
 
+    def failures(self) -> list[str]:
+        """Sentences on those that have failed within the last seconds, whether they run again or not."""
+        recent = time.monotonic() - _RECENT_S
+        return [f"{name} {p.failure}" for name, p in self._processes.items() if p.failed_at > recent]
+
     def stop(self, name: str) -> int:
         """Stops a node; its exit code."""
         return self._processes[name].stop()
@@ -67,10 +86,11 @@ class Processes:
 class NodeProcess:
     """A node's process; `log` gets its lines."""
 
-    def __init__(self, name: str, command: list[str], log: Log) -> None:
-        self.name, self._command, self._log = name, command, log
-        self.restarts = 0
+    def __init__(self, name: str, command: list[str], log: Log, restart: Restart) -> None:
+        self.name, self._command, self._log, self._restart = name, command, log, restart
+        self.restarts, self._in_a_row = 0, -1
         self._restart_at = 0.0
+        self.failure, self.failed_at = "", -1e9  # the latest, and when it was noticed
         self._start()
 
     def _start(self) -> None:
@@ -103,14 +123,16 @@ class NodeProcess:
         return self._process.poll()
 
     def watch(self) -> int | None:
-        """Restarts a crashed process after a back-off. Returns the exit code when it ended and stays ended."""
+        """Restarts a failed process after a back-off. Returns the exit code when it ended and stays ended."""
         code = self.exit_code()
-        if code is None or code in (0, USER_ERROR):
+        if code is None or self._restart is Restart.NEVER or code in _FINAL[self._restart]:
             return code
         now = time.monotonic()
         if not self._restart_at:
-            wait = _BACKOFF_S[min(self.restarts, len(_BACKOFF_S) - 1)]
-            self._log(self.name, f"{_ended(code)}, starting it again in {wait:g} s")
+            self._in_a_row = 0 if now - self._begun > _STABLE_S else self._in_a_row + 1
+            wait = _BACKOFF_S[min(self._in_a_row, len(_BACKOFF_S) - 1)]
+            self.failure, self.failed_at = ended_how(code), now
+            self._log(self.name, f"{self.failure}, starting it again in {wait:g} s")
             self._restart_at = now + wait
         elif now >= self._restart_at:
             self.restarts, self._restart_at = self.restarts + 1, 0.0
@@ -118,8 +140,11 @@ class NodeProcess:
         return None
 
     def stop(self) -> int:
-        """SIGINT, then SIGTERM, then SIGKILL; returns the exit code."""
-        for number in (signal.SIGINT, signal.SIGTERM):
+        """SIGTERM, then SIGINT, then SIGKILL; returns the exit code.
+
+        A Python process that is not up yet ends on SIGTERM without a word, on SIGINT with a traceback.
+        """
+        for number in (signal.SIGTERM, signal.SIGINT):
             if self._process.poll() is None:
                 self._process.send_signal(number)
                 try:
@@ -133,7 +158,8 @@ class NodeProcess:
         return self._process.returncode
 
 
-def _ended(code: int) -> str:
+def ended_how(code: int) -> str:
+    """For example `was ended by SIGKILL`."""
     return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"crashed with exit code {code}"
 
 

@@ -37,16 +37,16 @@ def player_node(graph: Graph, bag: RemappedBag, rate: float, pairs: Sequence[str
     topics = sorted(needed & set(bag.topics)) if needed else sorted(set(bag.topics) - outputs)
     consumers = [w.node.full_name for w in wirings if is_stage(w.node.executable)]
     params = {
-        "bag": bag.path.resolve(),
+        "bag": str(bag.path.resolve()),
         "rate": float(rate),
         "window": window_s(wirings),
-        "topics": f"[{', '.join(topics)}]",
-        "consumers": f"[{', '.join([*consumers, RECORDER])}]",
+        "topics": topics,
+        "consumers": [*consumers, RECORDER],
     }
     if latched := sorted({topic for w in wirings for topic, i in w.inputs.items() if i.latched} & set(topics)):
-        params["latched"] = f"[{', '.join(latched)}]"
+        params["latched"] = latched
     if pairs:
-        params["remap"] = f"[{', '.join(f'{old} {new}' for old, new in remaps(pairs).items())}]"
+        params["remap"] = [f"{old} {new}" for old, new in remaps(pairs).items()]
     return GraphNode("player", "player", "/", None, {}, params)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.geometry import angle_from_tdoa, hydrophone_positions
 from ...core.types import Array, HydrophoneInfo, Samples
 from ...sim.acoustics import absorption, images, pulse, tone_phases
-from ...sim.channel import Knots, Paths, Ping, Reception
+from ...sim.channel import EmittedPulse, Knots, Paths, Reception
 from ...sim.noise import add_snaps
 from ...sim.scenario import Hydrophones, Pinger
 from ...sim.water import Environment
@@ -97,7 +97,7 @@ class PingScene:
         phases = tone_phases(self._pinger, rng)
         emission = EMISSION + rng.random() / self.sample_rate
         wave = partial(pulse, self._pinger, phases=phases)
-        ping = Ping(emission, self._pinger.pulse_length, self.sound_speed, wave)
+        ping = EmittedPulse(emission, self._pinger.pulse_length, self.sound_speed, wave)
         self._reception(azimuth).add(ping, pressure)
         return Samples(t_ns, pressure[0], pressure[1])
 

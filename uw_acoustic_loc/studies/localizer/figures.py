@@ -53,7 +53,7 @@ def draw(numbers: Mapping[str, Any], seed: int) -> Iterator[tuple[str, Picture]]
         yield "cloud", _clouds(seed)
 
 
-def _first_run(key: str, seed: int) -> tuple[trials.Course, Any]:
+def _first_run(key: str, seed: int) -> tuple[trials.SimulatedCourse, Any]:
     course = trials.COURSES[key]
     return course, trials.bearings(course, 1, np.random.default_rng([seed, list(trials.COURSES).index(key)]))
 
@@ -138,7 +138,7 @@ def _clouds(seed: int) -> Picture:
     return picture("What the particles know", caption, figure)
 
 
-def _snapshots(course: trials.Course, heard: Any, seed: int) -> Iterator[tuple[int, Any, complex]]:
+def _snapshots(course: trials.SimulatedCourse, heard: Any, seed: int) -> Iterator[tuple[int, Any, complex]]:
     rays = trials.rays(course, heard)
     state = trials.particles(rays[0], "uniform", np.random.default_rng([seed, 0, 0]))
     for k, ray in enumerate(rays):

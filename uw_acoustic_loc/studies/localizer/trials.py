@@ -33,7 +33,7 @@ START, START_STD = 50 + 50j, 50.0  # m, of the paper's EKF; the paper gives no s
 
 
 @dataclass(frozen=True)
-class Course:
+class SimulatedCourse:
     """The source begins at (x, y) and moves `step` m to the left per sample, the vehicle being at (0, 0)."""
 
     title: str
@@ -57,10 +57,12 @@ class Course:
 
 
 COURSES = {
-    "simulation": Course("Simulation: from (10, 53) m, 1 m per sample", 10.0, 53.0, 1.0),
-    "sea_trial": Course("Sea trial: from 70 to 110 degrees, 1.5 m apart", 15.0, 15.0 / math.tan(math.radians(20)), 1.5),
+    "simulation": SimulatedCourse("Simulation: from (10, 53) m, 1 m per sample", 10.0, 53.0, 1.0),
+    "sea_trial": SimulatedCourse(
+        "Sea trial: from 70 to 110 degrees, 1.5 m apart", 15.0, 15.0 / math.tan(math.radians(20)), 1.5
+    ),
 }
-BATCHED: dict[str, Callable[[Course, Array, np.random.Generator], Points]] = {
+BATCHED: dict[str, Callable[[SimulatedCourse, Array, np.random.Generator], Points]] = {
     "triangulation": lambda course, heard, _: two_lines(course, heard),
     "ekf": lambda course, heard, _: paper_ekf(course, heard, START),
     "ekf_repeated_reference": lambda course, heard, _: paper_ekf(course, heard, START, repeated=True),
@@ -70,12 +72,12 @@ BATCHED: dict[str, Callable[[Course, Array, np.random.Generator], Points]] = {
 ONE_BY_ONE = ("particle_filter", "bayes_grid", "particle_filter_gaussian", "ekf_bank", "least_squares")
 
 
-def bearings(course: Course, runs: int, rng: np.random.Generator) -> Array:
+def bearings(course: SimulatedCourse, runs: int, rng: np.random.Generator) -> Array:
     """Measured bearings in rad."""
     return course.truth + rng.uniform(-HALF_WIDTH, HALF_WIDTH, (runs, SAMPLES))
 
 
-def answers(key: str, course: Course, runs: int, seed: int) -> Iterator[tuple[str, Points]]:
+def answers(key: str, course: SimulatedCourse, runs: int, seed: int) -> Iterator[tuple[str, Points]]:
     """Every estimator's name and answers, the same bearings for all; `key` is the course's name."""
     base = [seed, list(COURSES).index(key)]
     heard = bearings(course, runs, np.random.default_rng(base))
@@ -86,7 +88,7 @@ def answers(key: str, course: Course, runs: int, seed: int) -> Iterator[tuple[st
         yield name, np.array(list(rows))
 
 
-def two_lines(course: Course, heard: Array) -> Points:
+def two_lines(course: SimulatedCourse, heard: Array) -> Points:
     """The first line with the present one (Shin et al. eq. 1-2); the prior's mean before there is a second."""
     x = course.vehicle.real
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -96,7 +98,7 @@ def two_lines(course: Course, heard: Array) -> Points:
     return np.asarray(points)
 
 
-def paper_ekf(course: Course, heard: Array, start: complex | Points, *, repeated: bool = False) -> Points:
+def paper_ekf(course: SimulatedCourse, heard: Array, start: complex | Points, *, repeated: bool = False) -> Points:
     """The EKF in x and y (eq. 3-12); the travelled distance is known here, so it is no state.
 
     `repeated` takes the reference bearing again at every sample, as eq. 6 and 8 have it, as if its error were new.
@@ -126,7 +128,7 @@ def _corrected_xy(
     return at + (kx + 1j * ky) * error, (xx - kx * kx / S, xy - kx * ky / S, yy - ky * ky / S)
 
 
-def log_polar_ekf(course: Course, heard: Array) -> Points:
+def log_polar_ekf(course: SimulatedCourse, heard: Array) -> Points:
     """Our EKF with the paper's start, all runs at once."""
     at, spread = np.full(heard.shape[0], START), np.full(heard.shape[0], 2 * (START_STD / abs(START)) ** 2)
     state = LogPolar(at, spread, 0j * at)
@@ -148,7 +150,7 @@ def prior_mean(first: Array) -> Points:
     return np.asarray(2 / 3 * (FAR**3 - NEAR**3) / (FAR**2 - NEAR**2) * np.exp(1j * first))
 
 
-def one_run(name: str, course: Course, heard: Array, rng: np.random.Generator) -> Points:
+def one_run(name: str, course: SimulatedCourse, heard: Array, rng: np.random.Generator) -> Points:
     """(SAMPLES,) answers of an estimator of the node, or of the grid; the last one holds while there is none."""
     lines = rays(course, heard)
     state, answer, found = begun(name, lines[0], rng), prior_mean(heard[:1])[0], []
@@ -161,7 +163,7 @@ def one_run(name: str, course: Course, heard: Array, rng: np.random.Generator) -
     return np.array(found)
 
 
-def rays(course: Course, heard: Array) -> list[Ray]:
+def rays(course: SimulatedCourse, heard: Array) -> list[Ray]:
     """The bearing lines of one run."""
     return [Ray(v.real, v.imag, float(b), STD) for v, b in zip(course.vehicle, heard, strict=True)]
 

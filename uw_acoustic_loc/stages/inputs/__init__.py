@@ -1,0 +1,1 @@
+"""What every input goes through before its stage: settings, checks, latched values, stamps watched."""
