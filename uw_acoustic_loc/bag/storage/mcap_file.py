@@ -163,6 +163,8 @@ class McapFile:
                 return blocks
             if not known(opcode) or end > self._size:
                 self._damage.note(f"byte {min(at, self._size)}", self._end_of_walk(at, opcode))
+                if blocks and not blocks[-1].chunk and any(block.chunk for block in blocks):
+                    blocks.pop()  # no writer mixes: what looked like messages was the inside of a damaged chunk
                 if opcode == Opcode.CHUNK:
                     blocks.append(Block(at, self._size, *times(stream, opcode, begin), chunk=True, cut=True))
                 return blocks
