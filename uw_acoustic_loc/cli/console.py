@@ -44,6 +44,11 @@ _REDRAW_S = 0.1
 _COLOURS = ("cyan", "green", "yellow", "blue", "magenta", "bright_cyan", "bright_green", "bright_yellow", "bright_blue")
 
 
+def say(sentence: str) -> None:
+    """Prints a sentence on stderr as it is: in one line, however narrow the terminal, and brackets are no styles."""
+    STDERR.print(sentence, soft_wrap=True)
+
+
 @contextmanager
 def progress(title: str, total_s: float, unit: str = "s") -> Iterator[Callable[[float], None]]:
     """Shows a bar over seconds of the scenario or bag; gives the function that sets it. Silent without a terminal.

@@ -13,7 +13,7 @@ from uw_acoustic_loc.core.localizer.triangulation import PlanarFix
 from uw_acoustic_loc.core.slam.gap import bridge, integrated_variance
 from uw_acoustic_loc.core.slam.inertial import SIZE, YAW
 from uw_acoustic_loc.core.slam.joint import Joint
-from uw_acoustic_loc.core.slam.landmark import Pose
+from uw_acoustic_loc.core.slam.lines import Pose
 from uw_acoustic_loc.core.slam.relinearise import SlamPasses
 from uw_acoustic_loc.core.slam.relocation import Relocation, Sighting, place
 from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint

@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from ..bag_and_graph import add_msg_path, read_bag
-from ..console import STDERR, damage_code, harmless
+from ..console import damage_code, harmless, say
 
 HELP = "a hash per topic of a bag's messages, whatever program wrote them"
 
@@ -35,6 +35,5 @@ def run(options: Namespace) -> int:
         print(f"{overall(found)}  {sum(one.count for one in found.values()):7d}  all")
     for topic, one in found.items():
         if one.raw:
-            sentence = f"{one.raw} messages on {topic} cannot be decoded: their bytes are hashed as they are"
-            STDERR.print(f"note: {sentence}", soft_wrap=True)
+            say(f"note: {one.raw} messages on {topic} cannot be decoded: their bytes are hashed as they are")
     return damage_code(bag.damage)

@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from ..bag_and_graph import add_msg_path, given_definitions
-from ..console import STDERR, damage_code
+from ..console import damage_code, say
 
 HELP = "one page with tracks, bearings, errors and rates"
 
@@ -27,5 +27,5 @@ def run(options: Namespace) -> int:
 
     recording = load(options.bag, given_definitions(options))
     write_report(recording, score(recording), options.output)
-    STDERR.print(f"report in {options.output}")
+    say(f"report in {options.output}")
     return damage_code(recording.damage)

@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from ..bag_and_graph import add_msg_path, given_definitions
-from ..console import SafeConsole, damage_code
+from ..console import SafeConsole, damage_code, say
 
 HELP = "errors of a bag's estimates against its truth"
 
@@ -36,5 +36,7 @@ def print_score(scored: dict[str, object], as_json: bool) -> None:
 
     if as_json:
         print(json.dumps(scored, indent=2))
-    else:
+    elif scored:
         SafeConsole().print(table(scored))
+    else:
+        say("nothing to score: none of the bag's topics has the name of an estimate (docs/contract.md, section 2)")

@@ -13,8 +13,13 @@ from .weighting import WEIGHTINGS
 class Detection:
     """What counts as a ping."""
 
-    threshold: float = param(2.0, unit="dB", low=0.1, high=60.0, changeable=True, doc="of a ping over the noise floor")
-    pulse_length: float = param(0.01, unit="s", low=1e-4, high=1.0, doc="of the pings")
+    false_alarm_rate: float = param(
+        0.3, unit="1/h", low=1e-6, high=1e6, doc="pings per source that noise alone makes; sets the threshold"
+    )
+    threshold: float = param(
+        0.0, unit="dB", low=0.0, high=60.0, changeable=True, doc="over the noise floor; 0 = from false_alarm_rate"
+    )
+    pulse_length: float = param(0.01, unit="s", low=1e-4, high=1.0, doc="of the pings, at most")
 
 
 @dataclass(frozen=True)
@@ -116,11 +121,12 @@ class BearingConfig:
         """(low, high) per source, Hz."""
         return list(zip(self.band_low, self.band_high, strict=True))
 
-    def timing(self, sound_speed: float) -> Timing:
+    def timing(self, sound_speed: float, max_lag: float) -> Timing:
         """Of the pings. Half a pulse length of jitter: nearer echoes are not told apart from the ping anyway.
 
-        A period learnt while the source comes nearer changes by twice the speed when it goes away.
+        A period learnt while the source comes nearer changes by twice the speed when it goes away. In a wide array the
+        second hydrophone hears a ping up to `max_lag` after the first.
         """
         s = self.schedule
         jitter, drift = 0.5 * self.detection.pulse_length, 2.0 * s.max_speed / sound_speed
-        return Timing(jitter, drift, s.min_period, s.max_period, s.learn_pings)
+        return Timing(jitter, drift, max(s.min_period, 1.2 * max_lag), s.max_period, s.learn_pings)

@@ -14,7 +14,7 @@ from ..localizer.triangulation import fits
 from ..types import Array
 from .inertial import YAW
 from .joint import Joint, Slot
-from .landmark import Pose
+from .lines import Pose
 
 
 class Sighting(NamedTuple):
