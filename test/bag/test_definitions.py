@@ -103,6 +103,36 @@ def test_what_is_only_copied_keeps_bytes_definition_and_qos(tmp_path: Path) -> N
     assert [r.data for r in copied.records(["/json"])] == [b"{}"]
 
 
+def test_several_types_on_one_topic_are_copied_as_they_were(tmp_path: Path) -> None:
+    """Two of one name with different texts, and one in JSON, among them; the stage takes what is of its type."""
+    offset = "/mooring/buoy1/offset"
+    own, later = (encode(Point(START_NS + k, np.array([1.0, 0.0, 0.0]), "map")) for k in (0, 10**9))
+    sent = [
+        (Topic(offset, POINT, False, "cdr", jazzy_definition(POINT)), own),
+        (Topic(offset, POINT, False, "cdr", Definition("float64 x", "ros2msg")), b"\0\1\0\0" + bytes(8)),
+        (Topic(offset, "std_msgs/msg/String", False), b"\0\1\0\0\2\0\0\0a\0"),
+        (Topic(offset, "a/msg/B", False, "json"), b"{}"),
+        (Topic(offset, POINT, False, "cdr", jazzy_definition(POINT)), later),
+    ]
+    with BagWriter(tmp_path / "bag") as writer:
+        for k, (topic, data) in enumerate(sent):
+            writer.copy_topic(topic)
+            writer.write(offset, START_NS + k, data)
+    (tmp_path / "graph.yaml").write_text("nodes: [{executable: mooring_tracker, params: p.yaml}]", encoding="utf-8")
+    (tmp_path / "p.yaml").write_text("mooring_tracker: {ros__parameters: {mooring_ids: [buoy1]}}", encoding="utf-8")
+    refused: list[str] = []
+    run = OfflineRun(
+        Bag(tmp_path / "bag"), load_graph(tmp_path / "graph.yaml"), lambda _, refusal: refused.append(refusal.sentence)
+    )
+    run.run(tmp_path / "out", True, lambda _: None)
+    copied = [r for r in Bag(tmp_path / "out").records() if r.topic == offset]
+    assert [(r.msgtype, r.encoding, r.data) for r in copied] == [(t.msgtype, t.encoding, data) for t, data in sent]
+    assert [r.definition.text for r in copied[:2]] == [jazzy_definition(POINT).text, "float64 x"]
+    assert len(refused) == 3
+    (found,) = (one for topic, one in fingerprints(Bag(tmp_path / "bag")).items() if topic == offset)
+    assert (found.count, found.raw) == (5, 1)
+
+
 def test_a_definition_in_idl_is_read(tmp_path: Path) -> None:
     data = b"\0\1\0\0" + np.float64(2.5).tobytes() + np.int32(-3).tobytes()
     topic = Topic("/depth", "my_msgs/msg/Depth", False, "cdr", Definition(IDL, "ros2idl"))

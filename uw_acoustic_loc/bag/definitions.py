@@ -54,6 +54,8 @@ def deserialized(record: Record) -> Any:
     Raises:
         ValueError: nobody knows the type, or the bytes are not such a message.
     """
+    if record.encoding != "cdr":
+        raise ValueError(f"{record.msgtype} must be encoded as cdr, got '{record.encoding}'")
     store = store_of(record.msgtype, record.definition)
     if store is None:
         raise ValueError(f"type {record.msgtype} is not known here, and the bag has no definition that can be read")
@@ -73,7 +75,7 @@ def decoded(kind: type, record: Record) -> Any:
     form = codec(kind)
     if record.msgtype != form.msgtype:
         raise ValueError(f"type must be {form.msgtype}, got {record.msgtype}")
-    if store_of(record.msgtype, record.definition) is STORE:
+    if record.encoding == "cdr" and store_of(record.msgtype, record.definition) is STORE:
         return decode(kind, record.data, record.t_ns)
     try:
         return form.decode(deserialized(record), record.t_ns)
@@ -103,6 +105,7 @@ def _parsed(msgtype: str, definition: Definition) -> Typestore | None:
         if _size(msgtype, types) > _LARGEST:
             return None
         store.register(types)
+        store.hash_rihs01(msgtype)  # KeyError where a part is missing
         return store
     except Exception:  # whatever a damaged text leads the parser into; the caller says what could not be decoded
         return None

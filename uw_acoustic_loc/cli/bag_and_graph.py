@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..bag.reader import Bag
+    from ..bag.reader import Bag, Definition
     from ..bag.remap import RemappedBag
 
 
@@ -32,10 +32,16 @@ def add_msg_path(parser: ArgumentParser) -> None:
 
 def read_bag(path: Path, options: Namespace) -> Bag:
     """The bag, with the definitions of --msg-path."""
-    from ..bag.definitions import read_definitions
     from ..bag.reader import Bag
 
-    return Bag(path, read_definitions(options.msg_path) if options.msg_path else None)
+    return Bag(path, given_definitions(options))
+
+
+def given_definitions(options: Namespace) -> dict[str, Definition] | None:
+    """Those of --msg-path."""
+    from ..bag.definitions import read_definitions
+
+    return read_definitions(options.msg_path) if options.msg_path else None
 
 
 def open_bag(path: Path, options: Namespace) -> RemappedBag:

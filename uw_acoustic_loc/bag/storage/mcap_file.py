@@ -101,7 +101,7 @@ class McapFile:
         for t_ns, channel, data in messages:
             topic = self._topics[channel]
             try:
-                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition)
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition, topic.encoding)
             except ValueError as error:
                 self._damage.note(f"log time {t_ns} ns", f"{topic.name}: {error}")
 
@@ -163,6 +163,8 @@ class McapFile:
                 return blocks
             if not known(opcode) or end > self._size:
                 self._damage.note(f"byte {min(at, self._size)}", self._end_of_walk(at, opcode))
+                if blocks and not blocks[-1].chunk and any(block.chunk for block in blocks):
+                    blocks.pop()  # no writer mixes: what looked like messages was the inside of a damaged chunk
                 if opcode == Opcode.CHUNK:
                     blocks.append(McapBlock(at, self._size, *times(stream, opcode, begin), chunk=True, cut=True))
                 return blocks
@@ -214,9 +216,15 @@ class McapFile:
                     found.append((t_ns, channel, payload[begin + _MESSAGE.size : end]))
                 else:
                     self._learn(opcode, payload[begin:end])
+            self._check_times(block, [t_ns for t_ns, *_ in found])
         except _BROKEN as error:
             self._damage.note(f"byte {block.begin}", _words(error))
         return found
+
+    def _check_times(self, block: Block, times_ns: list[int]) -> None:
+        """Notes times beyond those that a chunk claims: messages then come in another order than that of the times."""
+        if times_ns and not block.first_ns <= min(times_ns) <= max(times_ns) <= block.last_ns:
+            self._damage.note(f"byte {block.begin}", "a chunk has messages of other times than it claims")
 
     def _learn_or_note(self, at: int, opcode: int, content: bytes) -> None:
         try:
