@@ -1,8 +1,8 @@
 """Thresholds that noise alone passes at a chosen rate.
 
-Noise is taken as complex Gaussian in both channels. Both tests are energy detectors (Urkowitz 1967), for the waveform of
-a ping is unknown: one averages the whole band, the other one bin of its spectrum, where it is the matched filter of a
-tone of unknown frequency and phase.
+Noise is taken as complex Gaussian in both channels. Both tests are energy detectors (Urkowitz 1967), for the waveform
+of a ping is unknown: one averages the whole band, the other one bin of its spectrum, where it is the matched filter of
+a tone of unknown frequency and phase.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class BandSplitter:
     `bands` (B, 2) are their edges, `base` (B,) is the frequency that 0 Hz of an envelope stands for, `noise_width` (B,)
     the width of white noise in it. What the `electronics` do to the channels is taken back.
 
-    With a `margin` in Hz the soft edges lie outside the bands and are so wide: time is resolved better than in the band.
+    With a `margin` in Hz the soft edges lie outside the bands and are so wide, which resolves time better than the band.
 
     Raises:
         ValueError: a band that is empty or reaches beyond half the sample rate.
@@ -181,7 +181,7 @@ class Correlator:
 
     def _carriers(self) -> AnyArray:
         """(B, L) phasors of each band's first bin over the lags."""
-        return np.exp(1j * self._omega[:, :1].astype(np.float64) * self.lags).astype(np.complex64)
+        return np.asarray(np.exp(1j * self._omega[:, :1].astype(np.float64) * self.lags), np.complex64)
 
     def _values(self, bands: list[int], weighted: Complex) -> AnyArray:
         """(n, L) correlations of weighted cross-spectra (n, bins) over the lags."""

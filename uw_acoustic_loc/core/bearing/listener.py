@@ -156,12 +156,12 @@ class Listener:
         lengths = (*self._gates, self._pulse)
         overall = found[-1].snr * (1.0 + 2.0 * _GUARD + self._max_lag / self._pulse)
         snr = max(overall, *(part.snr for part in found[:-1]), 1e-30)
-        best = best_window(found, choice.index, lobes)
+        best = best_window(found, choice.number, lobes)
         return Heard(
             source,
             ping.t_ns + round(0.5e9 * abs(best.tdoas[0])),
             best,
-            lengths[choice.index],
+            lengths[choice.number],
             choice.echo_std / (2.0 * math.pi * frequency),
             DB * math.log(snr),
         )
