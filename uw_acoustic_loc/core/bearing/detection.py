@@ -153,7 +153,7 @@ class PingDetector:
                 starts.append(k)
             excess[max(0, k - longest) : k + longest] = -math.inf
         for k in sorted(starts):
-            size = sizes.item(k)
+            size = int(sizes.item(k))
             if not _lasts(block, k, abs(size), size < 0):
                 self.too_short[band] += 1
                 continue
@@ -211,7 +211,7 @@ class PingDetector:
         return np.asarray((power / usual).max(axis=1), dtype=np.float64)
 
     def _onset(self, block: Block, start: int, size: int, longest: int) -> Onset:
-        """Where the energy changes most, near a window: echoes pull the window late, the change is the direct path's."""
+        """Where the energy changes most, near a window: echoes pull that late, the change is the direct path's."""
         first = start
         for _ in range(_BACK):  # to where it was quiet
             first = max(0, first - longest)

@@ -46,7 +46,7 @@ class BandSplitter:
     `bands` (B, 2) are their edges, `base` (B,) is the frequency that 0 Hz of an envelope stands for, `noise_width` (B,)
     the width of white noise in it. What the `electronics` do to the channels is taken back.
 
-    With a `margin` in Hz the soft edges lie outside the bands and are so wide, which resolves time better than the band.
+    With a `margin` in Hz the soft edges lie outside the bands and are so wide, which resolves time better.
 
     Raises:
         ValueError: a band that is empty or reaches beyond half the sample rate.
