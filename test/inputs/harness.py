@@ -196,6 +196,11 @@ def dropped(fraction: float = 0.1, seed: int = 1) -> Damage:
     ]
 
 
+def lost(second: float) -> Damage:
+    """One message does not come."""
+    return lambda own: [m for k, m in enumerate(own) if k != index_at(own, second)]
+
+
 def swapped(second: float) -> Damage:
     """Two messages change places."""
 

@@ -1,10 +1,11 @@
 """Every input of every estimator, damaged in every way: what is lost by it, and that nothing else is.
 
-`python -m test.inputs.test_matrix` prints the table of docs/inputs.md.
+`python -m test.inputs.test_matrix [ESTIMATOR ...]` prints the table of docs/inputs.md.
 """
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from test.inputs.harness import (
     duplicated,
     graph,
     heard,
+    lost,
     put,
     repeated,
     run,
@@ -127,6 +129,7 @@ def damages(case: Case) -> dict[str, Damage]:
         "repeated at 1 Hz": repeated(duration=4.0 if ms else 20.0),
         "a pair swapped": swapped(begin),
         "one twice": duplicated(begin),
+        "one lost": lost(begin),
         "10 % dropped": dropped(),
         "+1 h once": shift_at(begin, 3600.0),
         "-1 h once": shift_at(begin, -3600.0),
@@ -141,14 +144,19 @@ def damages(case: Case) -> dict[str, Damage]:
 
 DAMAGES = [*damages(CASES[0])]
 
-# Where a covariance is all that weighs a value, values without one cannot be used, and one that says nothing is not.
+# Nothing is to be had without the one message of a latched input, with velocities that say nothing, and, where the
+# message's own spread is all that weighs a value, of values without one.
 NO_RESULT = {
+    ("bearing", "/auv1/hydrophones/info"): {"a NaN value", "another frame", "silent for 10 s"},
+    ("toa_tracker", "/buoys/positions"): {"a NaN value", "another frame", "silent for 10 s"},
+    ("multistatic_fusion", "/sonar/positions"): {"a NaN value", "another frame", "silent for 10 s"},
+    ("bearing_slam", "/auv1/dvl/twist"): {"huge covariance"},
     ("bearing_slam", "/auv1/sources/a/bearing"): {"NaN covariance", "huge covariance", "-1 covariance"},
     ("bearing_localizer", "/auv1/sources/a/bearing"): {"NaN covariance", "huge covariance", "-1 covariance"},
-    ("toa_tracker", "/buoys/arrivals"): {"NaN covariance", "huge covariance", "-1 covariance"},
-    ("multistatic_fusion", "/sonar/detections"): {"NaN covariance", "huge covariance", "-1 covariance"},
+    ("toa_tracker", "/buoys/arrivals"): {"huge covariance"},
+    ("multistatic_fusion", "/sonar/detections"): {"huge covariance"},
 }
-LOSES = {"silent for 10 s", "10 % dropped"}  # part of what there is to know
+LOSES = {"silent for 10 s", "10 % dropped", "one lost"}  # part of what there is to know
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.estimator}:{case.topic}")
@@ -159,12 +167,14 @@ def test_a_damaged_input_loses_what_is_damaged_and_nothing_else(case: Case, dama
     assert spoilt.restarts == 0
     if damage in NO_RESULT.get((case.estimator, case.topic), ()):
         return
-    affected = affected_by(case, damage)
-    assert sum(spoilt.refused.values()) - sum(clean.refused.values()) <= max(affected, 1), spoilt.sentences
-    if damage not in LOSES and (error := measure(case, clean)) is not None:
+    if damage != "silent for 10 s":
+        affected = affected_by(case, damage)
+        assert sum(spoilt.refused.values()) - sum(clean.refused.values()) <= max(affected, 1), spoilt.sentences
+    error, without = measure(case, clean), measure(case, outcome(case, "one lost"))
+    if damage not in LOSES and error is not None:
         found = measure(case, spoilt)
         assert found is not None
-        assert found <= 1.1 * error + 0.02
+        assert found <= 1.1 * max(error, without or 0.0) + 0.02
 
 
 def affected_by(case: Case, damage: str) -> int:
@@ -235,11 +245,11 @@ def everything() -> list[Heard]:
 # --- the table -------------------------------------------------------------------------------------------------------
 
 
-def table() -> Iterator[str]:
+def table(cases: list[Case] = CASES) -> Iterator[str]:
     """A row per input, a column per damage: the error over that of the clean run, and how many were refused."""
     yield "| estimator: input | clean | " + " | ".join(DAMAGES) + " |"
     yield "|---|---|" + "---|" * len(DAMAGES)
-    for case in CASES:
+    for case in cases:
         clean = outcome(case, "")
         cells = [_cell(case, clean, outcome(case, damage)) for damage in DAMAGES]
         error = measure(case, clean)
@@ -265,5 +275,5 @@ def test_its_table_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 if __name__ == "__main__":
-    for row in table():
+    for row in table([case for case in CASES if case.estimator in (sys.argv[1:] or [case.estimator])]):
         print(row, flush=True)

@@ -37,7 +37,8 @@ class Bag:
         ValueError: there is nothing at `path`, or it holds no bag.
     """
 
-    def __init__(self, path: Path, definitions: Mapping[str, Definition] | None = None) -> None:
+    def __init__(self, path: Path | str, definitions: Mapping[str, Definition] | None = None) -> None:
+        path = Path(path)
         if not path.exists():
             raise ValueError(f"bag {path} does not exist")
         self.path = path

@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from ..bag.remap import RemappedBag
 
 
-def add_bag_and_graph(parser: ArgumentParser, many: bool = False) -> None:
+def add_bag_and_graph(parser: ArgumentParser, many: bool = False, output: str = "the bag to be made") -> None:
     """Declares the bag or bags, --graph, --output, --remap and --msg-path."""
     parser.add_argument("bag", type=Path, metavar="BAG", nargs="+" if many else None)
     parser.add_argument("--graph", type=Path, required=True, metavar="GRAPH.yaml")
-    where = "the bag to be made" + (", or the folder for those of several bags" if many else "")
+    where = output + (", or the folder for those of several bags" if many else "")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=where)
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name for a topic of the bag"

@@ -9,6 +9,7 @@ from functools import cache
 
 from ..version import __version__
 from .commands import (
+    calibrate,
     check,
     convert_wav,
     demo,
@@ -37,6 +38,7 @@ COMMANDS = {
     "info": info,
     "check": check,
     "reproduce": reproduce,
+    "calibrate": calibrate,
     "plan": plan,
     "convert-wav": convert_wav,
 }

@@ -42,7 +42,7 @@ def _process_one(path: Path, options: Namespace) -> int:
     from ...graph import load_graph
 
     bag = open_bag(path, options)
-    refusals = _Refusals()
+    refusals = Refusals()
     run = OfflineRun(bag, load_graph(options.graph), refusals)
     for node in run.left_out:
         say(f"note: {node.full_name} is left out: {node.executable} is no estimator that is installed here")
@@ -62,7 +62,7 @@ def _process_one(path: Path, options: Namespace) -> int:
     return 1 if idle and not options.allow_unused else damage_code(bag.damage)
 
 
-class _Refusals:
+class Refusals:
     """Prints the first refusal of each kind and counts the rest."""
 
     def __init__(self) -> None:

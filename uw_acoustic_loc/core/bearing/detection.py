@@ -30,6 +30,7 @@ _HALF_NORMAL = 0.8  # standard deviations by which the lower half of a normal di
 _CONCENTRATED = 0.75  # of a tone's energy in a quarter of its window: a burst that is too short
 _FLOOR_TIME = 2.0  # s over which the noise floor adapts
 _FEWEST = 8  # samples of a window in which tones are looked for
+_BACK, _QUIETLY = 3, 2.0  # pulse lengths that an onset is looked for before a window, and level over the floor
 _REACH = 0.5e-3  # s, by which the beginning in the band may be off
 _CLEAR = 4.0  # times the energy before, that a beginning needs to be seen in a wider band
 _BEFORE = (6e-3, 1e-3)  # s before a ping, from which its noise is taken
@@ -211,9 +212,14 @@ class PingDetector:
 
     def _onset(self, block: Block, start: int, size: int, longest: int) -> Onset:
         """Where the energy changes most, near a window: echoes pull the window late, the change is the direct path's."""
-        first = max(0, start - longest)
+        first = start
+        for _ in range(_BACK):  # to where it was quiet
+            first = max(0, first - longest)
+            if block.level[first : first + 3].mean() < block.floor + _QUIETLY:
+                break
         last = min(block.energy.size, start + size)
-        onset = first + change_point(block.energy[first:last], math.exp(block.floor), max(4, longest // 4))
+        noise = max(math.exp(block.floor), float(block.energy[first : first + 3].mean()))
+        onset = first + change_point(block.energy[first:last], noise, longest)
         level = float(block.level[onset : onset + size].mean())
         return Onset(onset, block.t_ns + round(1e9 * onset / block.rate), size / block.rate, level, block.noise(onset))
 
@@ -251,19 +257,18 @@ def _windows(longest: int, rate: float, width: float, alarms: float, threshold_d
     return tuple(found)
 
 
-def change_point(energy: AnyArray, noise: float, weight: int) -> int:
+def change_point(energy: AnyArray, noise: float, count: int) -> int:
     """Sample from which on the energies (n,) are of another level: the maximum of the likelihood (Maeda 1985).
 
-    The level before is held near the noise's by the weight of a few samples.
+    As if `count` samples of noise had come before.
     """
     before = energy.cumsum(dtype=np.float64)
     n = energy.size
-    k = np.arange(1, n)
-    cost = k * np.log((before[:-1] + weight * noise) / (k + weight))
-    cost += (n - k) * np.log((before[-1] - before[:-1]) / (n - k) + _SILENCE)
-    if n * math.log(before[-1] / n + _SILENCE) < cost.min():
-        return 0
-    return int(cost.argmin()) + 1
+    k = np.arange(n)
+    quiet = (np.concatenate([[0.0], before[:-1]]) + count * noise) / (k + count)
+    loud = (before[-1] - before + energy) / (n - k)
+    cost = (k + count) * np.log(quiet + _SILENCE) + (n - k) * np.log(loud + _SILENCE)
+    return int(cost.argmin())
 
 
 def energies(envelopes: Envelopes) -> AnyArray:

@@ -224,7 +224,7 @@ class ParticleFilter:
         r = np.sqrt(self._rng.uniform(near**2, far**2, cosines.size))
         xy = np.empty((2, r.size), np.float32)
         xy[0], xy[1] = r * cosines, r * np.sqrt(1.0 - cosines * cosines)
-        xy[1] *= np.resize(np.repeat(sides, 2), r.size)
+        xy[1] *= self._rng.permutation(np.resize(sides, r.size))
         return xy
 
     def _resample_if_poor(self) -> None:

@@ -63,6 +63,7 @@ class Listener:
         self._max_lag = info.spacing / sound_speed
         self._joiner = FrameJoiner(info.sample_rate, _TAIL * self._pulse + self._max_lag)
         self._timing, self._phase_std = config.timing(sound_speed, self._max_lag), config.noise.phase_std
+        self._electronics = config.electronics
         self._gates = gates(self._pulse, self._max_lag)
         self.detector = PingDetector(
             self._pulse, len(self._bands), config.detection.false_alarm_rate / 3600.0, self._max_lag
@@ -171,7 +172,7 @@ class Listener:
     def _plan(self) -> None:
         low, high = np.array(self._bands).T
         self._splitter = BandSplitter(self._info.sample_rate, low, high, self._length)
-        self._wide = BandSplitter(self._info.sample_rate, low, high, self._length, _MARGIN)
+        self._wide = BandSplitter(self._info.sample_rate, low, high, self._length, _MARGIN, self._electronics)
         length = math.ceil(((1.0 + 2.0 * _GUARD) * self._pulse + 2.0 * self._max_lag) * self._wide.rate) + 2
         self._correlator = Correlator(self._wide, length, self._max_lag)
 

@@ -16,7 +16,7 @@ from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, YAW, moved
 from .joint import Joint
 from .landmark import Landmark, images_of
 from .lines import Pose
-from .relocation import Relocation, Sighting, place
+from .relocation import Relocation, SeenPinger, place
 from .velocity_log import VelocityLog
 
 
@@ -146,7 +146,7 @@ class Slam:
         if landmark.slot is None:
             return
         images = tuple(images_of(bearing.bearing, self.config))
-        relocation.hear(Sighting(self._raw, bearing.position[:2], images, variance, landmark.slot))
+        relocation.hear(SeenPinger(self._raw, bearing.position[:2], images, variance, landmark.slot))
         found = relocation.solve(self.joint)
         if found is not None:
             place(self.joint, found)

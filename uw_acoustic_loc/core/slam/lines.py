@@ -124,7 +124,8 @@ class Lines:
         error, free = residuals(fix.mean, origins, bearings), A - H @ by_bias  # the point being free
         fitting = fits(float(error @ (error / variances)), self._count)
         error = error - free @ (biases - prior)
-        pull, information = A.T @ (error / variances), free.T / variances @ A
+        pull = A.T @ (error / variances)
+        information = free.T / variances @ free  # never negative, even before the point has converged
         cov = np.linalg.solve(np.eye(3) + prior_cov @ information, prior_cov)
         cost = float(error @ (error / variances) - pull @ cov @ pull)
         sharp = fitting and meet(fix, origins, bearings)
