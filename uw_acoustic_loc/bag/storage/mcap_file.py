@@ -221,7 +221,7 @@ class McapFile:
             self._damage.note(f"byte {block.begin}", _words(error))
         return found
 
-    def _check_times(self, block: Block, times_ns: list[int]) -> None:
+    def _check_times(self, block: McapBlock, times_ns: list[int]) -> None:
         """Notes times beyond those that a chunk claims: messages then come in another order than that of the times."""
         if times_ns and not block.first_ns <= min(times_ns) <= max(times_ns) <= block.last_ns:
             self._damage.note(f"byte {block.begin}", "a chunk has messages of other times than it claims")
