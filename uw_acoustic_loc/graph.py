@@ -135,13 +135,18 @@ def params_of(file: Path, full_name: str) -> dict[str, Any]:
     params: dict[str, Any] = {}
     for pattern, values in _sections(file):
         if _matches(pattern, full_name):
-            params |= _flat(values)
+            params |= values
     return params
+
+
+def check_params_file(file: Path) -> None:
+    """Raises a ValueError with one sentence for a params-file that cannot be read."""
+    _sections(file)
 
 
 def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
     """Returns node name patterns with their parameters, as in the file; nested namespaces are joined with slashes."""
-    content = load_yaml(file, "params-file")
+    content = load_yaml(file, "params-file", of_node=True)
     found: list[tuple[str, Mapping[str, Any]]] = []
 
     def visit(prefix: str, level: Any) -> None:
@@ -151,20 +156,24 @@ def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
             if key == "ros__parameters":
                 if not isinstance(value, Mapping):
                     raise ValueError(f"params-file {file}: '{prefix}' ros__parameters must be a mapping, got {value!r}")
-                found.append((prefix, value))
+                if not prefix:
+                    raise ValueError(f"params-file {file}: ros__parameters must stand below the name of a node")
+                found.append((prefix, _flat(value, file)))
             else:
-                visit(f"{prefix}/{str(key).strip('/')}", value)
+                visit(f"{prefix}/{key.strip('/')}", value)
 
-    visit("", content or {})
+    visit("", {} if content is None else content)
     return found
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flat(values: Mapping[str, Any], file: Path, prefix: str = "") -> dict[str, Any]:
     """Joins the keys of nested parameter mappings by dots, as rcl does."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
+            if not value:
+                raise ValueError(f"params-file {file}: parameter '{prefix}{key}' must have a value, got {{}}")
+            flat |= _flat(value, file, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -161,5 +161,5 @@ def test_an_early_interrupt_ends_all_without_a_traceback(domain: int, delay_s: f
     launcher.send_signal(signal.SIGINT)
     _, text = launcher.communicate(timeout=LIMIT_S)
     assert "Traceback" not in text
-    assert launcher.returncode in (0, 130)
+    assert launcher.returncode in (0, 130, -signal.SIGINT)
     assert node_processes(f"ROS_DOMAIN_ID={domain}") == []

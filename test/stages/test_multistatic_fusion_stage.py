@@ -169,6 +169,29 @@ def test_positions_come_together_from_a_message_per_node():
     assert stage.status().values["rejected_unknown_receiver"] == 1
 
 
+def test_nothing_beyond_what_is_known_beforehand_is_published():
+    """Silences of 10 to 300 s, detections of nothing: fixes within their range sums, no track faster than max_speed."""
+    rng, config = np.random.default_rng(31), MultistaticConfig()
+    published = 0
+    for _ in range(6):
+        _, handle = started(config)
+        t_ns = 0
+        for _ in range(60):
+            t_ns += round(1e9 * (rng.uniform(10, 300) if rng.random() < 0.1 else 4.0))
+            count = int(rng.integers(0, 12))
+            crowd = {"receiver": rng.integers(1, 4, count), "range": 10 ** rng.uniform(2, 5, count)}
+            crowd |= {"bearing": rng.uniform(-np.pi, np.pi, count), "range_std": 10 ** rng.uniform(0, 4, count)}
+            crowd |= {"bearing_std": 10 ** rng.uniform(-3, 0, count), "snr": rng.uniform(5, 20, count)}
+            *fixes, (_, tracks) = handle(ping(t_ns, **crowd))
+            for _, fix in fixes:
+                published += 1
+                assert np.hypot(*fix.position[:2]) <= crowd["range"].max() + 10 * crowd["range_std"].max()
+                assert np.linalg.eigvalsh(fix.cov[:2, :2]).min() > 0
+            assert np.all(np.hypot(tracks.vx, tracks.vy) <= config.max_speed)
+            assert np.all(np.isfinite(tracks.x) & np.isfinite(tracks.y) & (tracks.position_std > 0))
+    assert published > 50
+
+
 @pytest.mark.parametrize("std", [0.0, -1.0, np.nan])
 def test_a_std_that_is_not_given_is_the_parameters(std):
     config = MultistaticConfig(range_std=40.0, bearing_std=0.02)

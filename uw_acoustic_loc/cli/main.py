@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import signal
-import sys
 from collections.abc import Sequence
+from functools import cache
 
 from ..version import __version__
 from .commands import (
+    calibrate,
     check,
     convert_wav,
     demo,
@@ -23,6 +24,7 @@ from .commands import (
     score,
     simulate,
 )
+from .console import complain
 
 COMMANDS = {
     "demo": demo,
@@ -36,6 +38,7 @@ COMMANDS = {
     "info": info,
     "check": check,
     "reproduce": reproduce,
+    "calibrate": calibrate,
     "plan": plan,
     "convert-wav": convert_wav,
 }
@@ -49,16 +52,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
             signal.signal(signal.SIGINT, signal.default_int_handler)
         code: int = options.run(options)
     except ValueError as error:
-        print(f"uwloc: {error}", file=sys.stderr)
+        complain(str(error))
         return 1
     except OSError as error:
-        print(f"uwloc: {error.filename or 'operating system'}: {error.strerror}", file=sys.stderr)
+        complain(f"{error.filename or 'operating system'}: {error.strerror}")
         return 1
     except KeyboardInterrupt:
         return 130
     return code
 
 
+@cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("uwloc", description="Acoustic localization for AUVs, live and from bags.")
     parser.add_argument("--version", action="version", version=__version__)

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
+from ..graph import check_params_file
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES, is_stage, other_stages
 from .spin import Program, run
@@ -25,6 +28,11 @@ def main(arguments: list[str]) -> int:
         return 2
     executable, *rest = arguments
     try:
+        _check_params_files(rest)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 1
+    try:
         return run(lambda: _program(executable), [executable, *rest])
     except Exception:  # a bug: its traceback, and an exit code that is not the user's error
         traceback.print_exc()
@@ -42,6 +50,13 @@ def script() -> int:
         name for name in (f"{path.parent.name}/{path.name}", path.name, *others) if name in (*EXECUTABLES, *others)
     )
     return main([next(known, path.name), *sys.argv[1:]])
+
+
+def _check_params_files(arguments: Sequence[str]) -> None:
+    """Refuses with the sentence of the offline programs what rcl would refuse with one of its own."""
+    for option, value in pairwise(arguments):
+        if option == "--params-file":
+            check_params_file(Path(value))
 
 
 def _program(executable: str) -> Program:

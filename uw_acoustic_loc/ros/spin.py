@@ -39,7 +39,8 @@ def one_line(error: Exception) -> str:
 class Program(Protocol):
     """What runs in a process: a node, work between its callbacks, and an orderly end."""
 
-    node: Node
+    @property
+    def node(self) -> Node: ...
 
     def idle(self) -> float:
         """Called after every wake-up; returns how long the next wait may be, in s."""

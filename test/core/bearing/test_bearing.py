@@ -107,7 +107,7 @@ def test_odometry_carries_the_bearing_through_a_turn(filter_):
         still, turn = np.zeros(3), np.array([0.0, 0.0, 0.4])
         estimator.move(Odometry(T0 + k * 10**8, still, quat_from_yaw(0.4 * (k - 4) * 0.1), still, turn))
         list(estimator.process(silence(k)))
-    (state,) = estimator.tracks[0].filters.values()
+    state = estimator.tracks[0].filter
     elapsed = (estimator.tracks[0].state_ns - T0) * 1e-9 - 0.36
     assert state.estimate()[0] == pytest.approx(1.5 - 0.4 * elapsed, abs=0.03)
 
@@ -148,7 +148,7 @@ def test_the_cloud_is_small_and_lies_around_the_bearing():
     assert 100 < cloud.x.size <= 200
     assert cloud.weight.sum() == pytest.approx(1.0)
     port = cloud.y > 0
-    assert cloud.weight[port].sum() == pytest.approx(0.5)
+    assert 0.3 < cloud.weight[port].sum() < 0.7
     near = np.abs(np.arctan2(cloud.y, cloud.x) - 1.0) < 0.02
     assert cloud.weight[near].sum() > 0.5 * cloud.weight[port].sum()
     assert bearings(CONFIG, [])[1].cloud(0, T0) is None
@@ -196,8 +196,7 @@ def test_another_filter_begins_with_the_last_ones_estimate(before, after):
     for k in range(4):
         list(estimator.process(frame(k, 1.1)))
     estimator.change(altered(config, filter=after))
-    for state in estimator.tracks[0].filters.values():
-        assert state.estimate()[0] == pytest.approx(1.1, abs=0.01)
+    assert estimator.tracks[0].filter.estimate()[0] == pytest.approx(1.1, abs=0.01)
     found = [b.bearing for _, b in estimator.process(frame(4, 1.1))]
     assert found == pytest.approx([1.1, -1.1], abs=0.005)
 

@@ -24,14 +24,13 @@ def pair(tdoa, start=0.004, n=2000):
 class Chain:
     def __init__(self, n=2000):
         self.splitter = BandSplitter(RATE, [LOW], [HIGH], n)
-        width = float(self.splitter.noise_width[0])
-        self.noise = 2 * width / (RATE / 2)  # power of an envelope sample per variance of a sample
+        self.noise = 2 / (RATE / 2)  # density in an envelope per variance of a sample
         length = math.ceil(n / RATE * self.splitter.rate)
         self.correlator = Correlator(self.splitter, length, MAX_LAG)
 
-    def __call__(self, h0, h1, noise_power=1e-12, weighting="cc", part=slice(None)) -> Correlation:
+    def __call__(self, h0, h1, noise_density=1e-16, weighting="cc", part=slice(None)) -> Correlation:
         envelopes = self.splitter.split(h0, h1).values[0]
-        return self.correlator.correlate([Piece(0, envelopes[:, part], noise_power)], weighting, 4)[0]
+        return self.correlator.correlate([Piece(0, envelopes[:, part], noise_density)], weighting, 4)[0]
 
 
 @pytest.mark.parametrize("tdoa", [-3.9e-4, -1.2345e-4, -2.5e-6, 0.0, 1e-7, 2.1e-4, 3.9e-4])
@@ -76,9 +75,9 @@ def test_rmse_is_near_the_cramer_rao_bound_and_the_std_is_honest():
         snr = 10 ** (snr_db / 10)
         bound = math.sqrt((1 + 2 * snr) / (2 * snr**2 * (HIGH - LOW) * PULSE * omega_2))
         sigma = math.sqrt(0.5 / snr * (RATE / 2) / (HIGH - LOW))
-        power = chain.noise * sigma**2
+        density = chain.noise * sigma**2
         noise = sigma * rng.standard_normal((200, 2, n))
-        trials = [chain(h0 + w[0], h1 + w[1], power, part=part) for w in noise]
+        trials = [chain(h0 + w[0], h1 + w[1], density, part=part) for w in noise]
         errors = np.array([f.tdoas[0] - tdoa for f in trials])
         assert np.sqrt(np.mean(errors**2)) < 1.15 * bound
         normalised = np.mean((errors / np.array([f.std for f in trials])) ** 2)

@@ -84,7 +84,8 @@ def test_another_period_is_learnt():
 
 def test_what_does_not_repeat_is_all_taken():
     onsets = np.cumsum(np.random.default_rng(2).uniform(0.3, 3.0, 100))
-    assert taken(PingSchedule(TIMING), onsets).size > 85
+    """But what comes after a quarter of the longest silence of late: it might be an echo."""
+    assert taken(PingSchedule(TIMING), onsets).size > 75
 
 
 @pytest.mark.parametrize("period", [0.05, 1.0, 10.0])

@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from ..bag_and_graph import add_bag_and_graph, open_bag
-from ..console import STDERR, NodeLog, damage_code, importing, progress
+from ..console import NodeLog, damage_code, importing, progress, say
 
 HELP = "play a bag to a graph's live nodes and record what they publish"
 
@@ -37,6 +37,6 @@ def run(options: Namespace) -> int:
         code = launcher.run()
     deliveries = replay_deliveries(launcher.reports, bag, Bag(options.output)) if options.output.exists() else []
     for delivery in deliveries:
-        STDERR.print(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}", markup=False, soft_wrap=True)
+        say(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}")
     complete = bool(deliveries) and all(delivery.complete for delivery in deliveries)
     return max(code, int(not complete), damage_code(bag.damage))

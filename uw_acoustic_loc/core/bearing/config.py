@@ -13,8 +13,13 @@ from .weighting import WEIGHTINGS
 class Detection:
     """What counts as a ping."""
 
-    threshold: float = param(2.0, unit="dB", low=0.1, high=60.0, changeable=True, doc="of a ping over the noise floor")
-    pulse_length: float = param(0.01, unit="s", low=1e-4, high=1.0, doc="of the pings")
+    false_alarm_rate: float = param(
+        0.3, unit="1/h", low=1e-6, high=1e6, doc="pings per source that noise alone makes; sets the threshold"
+    )
+    threshold: float = param(
+        0.0, unit="dB", low=0.0, high=60.0, changeable=True, doc="over the noise floor; 0 = from false_alarm_rate"
+    )
+    pulse_length: float = param(0.01, unit="s", low=1e-4, high=1.0, doc="of the pings, at most")
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,7 @@ class ArrayGeometry:
     array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
     array_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="of the array in base_link")
     sound_speed: float = param(0.0, unit="m/s", low=0.0, high=1650.0, doc="0 = from hydrophones/info")
+    spacing_scale: float = param(1.0, low=0.5, high=2.0, doc="true spacing over that of hydrophones/info")
 
     def __post_init__(self) -> None:
         if len(self.array_position) != 3:
@@ -58,6 +64,22 @@ class ArrayGeometry:
     def sides(self) -> tuple[int, ...]:
         """+1 for port, -1 for starboard."""
         return {"port": (1,), "starboard": (-1,), "both": (1, -1)}[self.assumed_side]
+
+
+@dataclass(frozen=True)
+class Electronics:
+    """What the two channels do to the sound between hydrophone and sample; `uwloc calibrate` measures it."""
+
+    delay_offset: float = param(0.0, unit="s", low=-1e-3, high=1e-3, doc="of channel h0 after h1: all TDOAs are larger")
+    invert: str = param("none", choices=("none", "h0", "h1"), doc="the channel that is wired the wrong way round")
+
+    @property
+    def signs(self) -> tuple[int, int]:
+        """Of both channels."""
+        return -1 if self.invert == "h0" else 1, -1 if self.invert == "h1" else 1
+
+
+ALIKE = Electronics()
 
 
 @dataclass(frozen=True)
@@ -96,6 +118,7 @@ class BearingConfig:
     schedule: Schedule = group(Schedule)
     correlation: Correlation = group(Correlation)
     array: ArrayGeometry = group(ArrayGeometry)
+    electronics: Electronics = group(Electronics)
     noise: BearingNoise = group(BearingNoise)
     source: SourcePrior = group(SourcePrior)
     seed: int = param(1, low=0)
@@ -116,11 +139,12 @@ class BearingConfig:
         """(low, high) per source, Hz."""
         return list(zip(self.band_low, self.band_high, strict=True))
 
-    def timing(self, sound_speed: float) -> Timing:
+    def timing(self, sound_speed: float, max_lag: float) -> Timing:
         """Of the pings. Half a pulse length of jitter: nearer echoes are not told apart from the ping anyway.
 
-        A period learnt while the source comes nearer changes by twice the speed when it goes away.
+        A period learnt while the source comes nearer changes by twice the speed when it goes away. In a wide array the
+        second hydrophone hears a ping up to `max_lag` after the first.
         """
         s = self.schedule
         jitter, drift = 0.5 * self.detection.pulse_length, 2.0 * s.max_speed / sound_speed
-        return Timing(jitter, drift, s.min_period, s.max_period, s.learn_pings)
+        return Timing(jitter, drift, max(s.min_period, 1.2 * max_lag), s.max_period, s.learn_pings)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ..geometry import wrap_angle
 from ..types import Bearing, HydrophoneInfo, Odometry, Particles, Samples
-from .array_motion import ArrayMotion
+from .array_motion import ArrayMotion, Displacement
 from .config import BearingConfig
 from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance, lobe_width
 from .hydrophone_health import HydrophoneHealth
@@ -18,6 +19,7 @@ from .listener import Heard, Listener, check_frame, check_info
 _HEADING_STD = 0.03  # rad/s, errors of the odometry's turn and of all else that the motion model leaves out
 _LARGEST_SPREAD = 0.3  # rad per prediction; a few of them and a source may be anywhere
 _USEFUL = 0.3  # rad, standard deviation of a bearing that another filter may begin with
+_BELOW, _NEAR = 0.2, 4.0  # share of a turn by which a bearing's may differ, and m of a source
 _REMEMBERED = 5.0  # s for which clipping is reported
 _SHOWN = 200  # particles of a display cloud
 
@@ -25,20 +27,20 @@ BearingFilter = LastPeak | HistogramFilter | ParticleFilter
 
 
 class SourceTrack:
-    """One pinger: a filter per assumed side, and its counts."""
+    """One pinger: its filter and its counts."""
 
-    def __init__(self, filters: dict[int, BearingFilter]) -> None:
-        self.filters = filters
+    def __init__(self, state: BearingFilter) -> None:
+        self.filter = state
         self.pings = self.clipped = 0
         self.tdoa_std = 0.0  # s, what averaging leaves
         self.snr_db = math.nan
         self.heard_ns = 0  # of the last ping
-        self.state_ns = 0  # of the filters
+        self.state_ns = 0  # of the filter
 
     @property
     def std(self) -> float:
-        """rad, of the first side's bearing as it is known now."""
-        return math.sqrt(next(iter(self.filters.values())).estimate()[1])
+        """rad, of the bearing as it is known now."""
+        return math.sqrt(self.filter.estimate()[1])
 
 
 class BearingEstimator:
@@ -50,13 +52,13 @@ class BearingEstimator:
 
     def __init__(self, config: BearingConfig, info: HydrophoneInfo) -> None:
         check_info(info)
+        info = replace(info, spacing=info.spacing * config.array.spacing_scale)
         self._config, self._info = config, info
         self._sound_speed = config.array.sound_speed or info.sound_speed
         max_lag = info.spacing / self._sound_speed
-        timing, pulse_length = config.timing(self._sound_speed), config.detection.pulse_length
-        self.listener = Listener(info, config.bands, max_lag, pulse_length, timing)
-        sides, sources = config.array.sides, range(len(config.bands))
-        self.tracks = [SourceTrack({side: self._filter(k, side) for side in sides}) for k in sources]
+        max_lag = info.spacing / self._sound_speed
+        self.listener = Listener(info, config, self._sound_speed)
+        self.tracks = [SourceTrack(self._filter(k)) for k in range(len(config.bands))]
         self._max_lag = max_lag
         self.health = HydrophoneHealth(info, _REMEMBERED)
         self._motion = ArrayMotion(config.array.array_yaw, config.array.array_position)
@@ -77,7 +79,7 @@ class BearingEstimator:
         before, self._config = self._config.filter, config
         if config.filter != before:
             for k, track in enumerate(self.tracks):
-                track.filters = {side: self._successor(k, side, old) for side, old in track.filters.items()}
+                track.filter = self._successor(k, track.filter)
 
     def move(self, odometry: Odometry) -> None:
         """The vehicle's motion up to now.
@@ -104,33 +106,36 @@ class BearingEstimator:
 
     def cloud(self, source: int, t_ns: int) -> Particles | None:
         """At most 200 particles of a source in base_link, for display; None without a particle filter."""
-        clouds = [(s, *f.cloud) for s, f in self.tracks[source].filters.items() if isinstance(f, ParticleFilter)]
-        if not clouds:
+        state = self.tracks[source].filter
+        if not isinstance(state, ParticleFilter):
             return None
-        step = math.ceil(sum(w.size for _, _, w in clouds) / _SHOWN)
-        x = np.concatenate([xy[0, ::step] for _, xy, _ in clouds])
-        y = np.concatenate([s * xy[1, ::step] for s, xy, _ in clouds])
-        weight = np.concatenate([w[::step] / w[::step].sum() for _, _, w in clouds]) / len(clouds)
+        (x, y), weight = state.cloud
+        step = math.ceil(weight.size / _SHOWN)
+        x, y, weight = x[::step], y[::step], weight[::step] / weight[::step].sum()
+        if len(sides := self._config.array.sides) == 1:
+            y = sides[0] * np.abs(y)
         array = self._config.array
         cos, sin = math.cos(array.array_yaw), math.sin(array.array_yaw)
         px, py, pz = array.array_position
         z = np.full(x.size, pz)
         return Particles(t_ns, px + cos * x - sin * y, py + sin * x + cos * y, z, weight)
 
-    def _filter(self, source: int, side: int) -> BearingFilter:
+    def _filter(self, source: int) -> BearingFilter:
         c = self._config
         if c.filter == "none":
-            return LastPeak()
+            return LastPeak(c.array.sides[0])
         lobe = lobe_width(self._info.spacing, self._sound_speed, sum(c.bands[source]) / 2)
         if c.filter == "histogram":
-            return HistogramFilter(self._info.spacing, self._sound_speed, lobe)
-        rng = np.random.default_rng([c.seed, source, side + 1])
+            return HistogramFilter(self._info.spacing, self._sound_speed, lobe, c.array.sides)
+        rng = np.random.default_rng([c.seed, source])
         ranges = (c.source.range_min, c.source.range_max)
-        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe)
+        return ParticleFilter(
+            self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides
+        )
 
-    def _successor(self, source: int, side: int, old: BearingFilter) -> BearingFilter:
+    def _successor(self, source: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
-        new, (theta, variance) = self._filter(source, side), old.estimate()
+        new, (theta, variance) = self._filter(source), old.estimate()
         if variance < _USEFUL**2:
             std = self._max_lag * max(math.sin(theta), math.sqrt(variance)) * math.sqrt(variance)
             new.update(PeakLikelihood(np.array([self._max_lag * math.cos(theta)]), np.ones(1), std, self._max_lag))
@@ -144,21 +149,21 @@ class BearingEstimator:
     def _bearings(self, ping: Heard) -> Iterator[tuple[int, Bearing]]:
         """The correlation tells the bearing at the ping's middle; the turn since its beginning is taken back."""
         track, c = self.tracks[ping.source], self._config
-        track.tdoa_std = c.noise.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
+        phase_std = c.noise.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
+        track.tdoa_std = math.hypot(phase_std, ping.echo_std)
         likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.noise.height_std, self._max_lag)
         track.pings += 1
         track.clipped += bool(abs(ping.correlation.tdoas[0]) >= self._max_lag)
         track.snr_db = ping.snr_db
-        middle_ns = ping.t_ns + round(0.5e9 * c.detection.pulse_length)
+        middle_ns = ping.t_ns + round(0.5e9 * ping.length)
         self._predict(track, middle_ns)
         track.heard_ns = middle_ns
         turn = self._motion.between(ping.t_ns, middle_ns).turn
-        for state in track.filters.values():
-            state.update(likelihood)
-        for side, state in track.filters.items():
-            theta, variance = state.estimate()
+        track.filter.update(likelihood)
+        theta, variance = track.filter.estimate()
+        honest = self._honest(theta, variance, track.tdoa_std)
+        for side in c.array.sides:
             bearing = wrap_angle(c.array.array_yaw + side * theta + turn)
-            honest = self._honest(theta, variance, track.tdoa_std)
             yield ping.source, Bearing(ping.t_ns, bearing, honest, np.array(c.array.array_position))
 
     def _honest(self, theta: float, variance: float, tdoa_std: float) -> float:
@@ -176,10 +181,18 @@ class BearingEstimator:
             return
         dt, since = (t_ns - track.state_ns) * 1e-9, (track.state_ns - track.heard_ns) * 1e-9 if track.heard_ns else 0.0
         step, c = self._motion.between(track.state_ns, t_ns), self._config
-        nearest = c.source.range_min * math.sqrt(3.0)
-        parallax = 0.0 if c.filter == "particle" else math.hypot(*step.move) / dt / nearest
-        rate_std = math.hypot(_HEADING_STD, parallax, c.source.bearing_rate_std * math.sqrt(step.guessed))
+        rate_std = math.hypot(_HEADING_STD, self._unmodelled(track, step, dt))
+        rate_std = math.hypot(rate_std, c.source.bearing_rate_std * math.sqrt(step.guessed))
         spread = min(rate_std * math.sqrt((since + dt) ** 2 - since**2), _LARGEST_SPREAD)
-        for side, state in track.filters.items():
-            state.predict(side * step.turn, (step.move[0], side * step.move[1]), spread)
+        track.filter.predict(step.turn, step.move, spread)
         track.state_ns = t_ns
+
+    def _unmodelled(self, track: SourceTrack, step: Displacement, dt: float) -> float:
+        """rad/s, of what the motion model leaves out: the unknown range, and a source that lies deeper.
+
+        Particles have ranges. Where there is no cycle to be lost it costs nothing to allow for a source near and below.
+        """
+        speed = math.hypot(*step.move) / dt
+        if self.listener.lobes(self.tracks.index(track)) == 1:
+            return math.hypot(_BELOW * step.turn / dt, speed / _NEAR)
+        return 0.0 if self._config.filter == "particle" else speed / (self._config.source.range_min * math.sqrt(3.0))

@@ -1,6 +1,8 @@
 """Filters that carry what pings say about the TDOA from one to the next.
 
-A filter sees one half plane: angles theta in [0, pi] from the array's +x towards the assumed side.
+They estimate the angle theta in [0, pi] between the array's +x and the source. A turn of the vehicle makes it larger or
+smaller, as the source lies to starboard or to port. A filter begins on the assumed side, or with equal shares on both
+until turns have settled it; a source that does not follow the assumed side's motion is found on the other.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ __all__ = ["HistogramFilter", "LastPeak", "ParticleFilter", "PeakLikelihood", "a
 
 _LOST = 1e-3  # probability per ping that the source is not where the filter has it
 _SUSPICION = 1e-4  # of the weight
+_WIDE_DOUBT = 0.02  # share elsewhere that a lobe alone in its array may leave out of its variance
 _SEARCHERS = 20
 _SEARCH = 4  # pings from one search to the next, unless a ping comes as a surprise
 _NOISES = 1 << 16  # drawn at the start, at least
@@ -30,14 +33,15 @@ _LOBE = math.radians(1.5)  # half width of what belongs to one maximum, at least
 
 
 class LastPeak:
-    """No filter: the strongest maximum of the last ping."""
+    """No filter: the strongest maximum of the last ping, carried on by turns as on the assumed side (1 = port)."""
 
-    def __init__(self) -> None:
+    def __init__(self, side: int = 1) -> None:
+        self._side = side
         self._theta, self._variance = math.pi / 2, math.pi**2 / 12
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         del move
-        self._theta = min(max(self._theta - turn, 0.0), math.pi)
+        self._theta = min(max(self._theta - self._side * turn, 0.0), math.pi)
         self._variance = min(self._variance + spread**2, math.pi**2 / 12)
 
     def update(self, likelihood: PeakLikelihood) -> None:
@@ -54,31 +58,41 @@ class LastPeak:
 class HistogramFilter:
     """Posterior over TDOAs at equal steps of angle, so that the vehicle's turn is a shift (Choi et al. 2016, eq. 5)."""
 
-    def __init__(self, spacing: float, sound_speed: float, lobe: float = _LOBE) -> None:
+    def __init__(
+        self, spacing: float, sound_speed: float, lobe: float = _LOBE, sides: tuple[int, ...] = (1, -1)
+    ) -> None:
         self._lobe = lobe
-        self._theta = np.linspace(0.0, math.pi, round(math.pi / _BIN) + 1)
+        half = round(math.pi / _BIN)
+        self._theta = np.linspace(0.0, math.pi, half + 1)
+        self._folded = np.abs(
+            np.arange(2 * half) - half
+        )  # bin of the half circle, to which a bin of the circle belongs
         self._tdoas = spacing / sound_speed * np.cos(self._theta)
-        self._p = np.full(self._theta.size, 1.0 / self._theta.size)
+        port = np.arange(2 * half) >= half
+        self._p = _normalised(np.where(port, 1 in sides, -1 in sides).astype(np.float64))  # over the circle, from -pi
 
     def predict(self, turn: float, move: tuple[float, float], spread: float) -> None:
         """The array turns by `turn`; the effect of its `move` is in the spread, the range being unknown."""
         del move
-        p = np.interp(self._theta + turn, self._theta, self._p, left=0.0, right=0.0)
-        bins = min(spread / _BIN, p.size / 8)
+        shift, n = turn / _BIN, self._p.size
+        whole = math.floor(shift)
+        p = np.roll(self._p, -whole)
+        p += (shift - whole) * (np.roll(p, -1) - p)
+        bins = min(spread / _BIN, n / 16)
         if bins > 0.1:
             k = np.arange(-math.ceil(4 * bins), math.ceil(4 * bins) + 1)
             kernel = np.exp(-0.5 * (k / bins) ** 2)
-            p = np.convolve(p, kernel / kernel.sum(), "same")
+            p = np.convolve(np.pad(p, k[-1], "wrap"), kernel / kernel.sum(), "valid")
         self._p = _normalised(p)
 
     def update(self, likelihood: PeakLikelihood) -> None:
         prior = (1.0 - _LOST) * self._p + _LOST / self._p.size
-        self._p = _normalised(prior * likelihood.at(self._tdoas))
+        self._p = _normalised(prior * likelihood.at(self._tdoas).take(self._folded))
 
     def estimate(self) -> tuple[float, float]:
         """Mean of the strongest lobe, and the mean square deviation of everything from it."""
-        top = self._theta[int(np.argmax(self._p))]
-        return _lobe(self._theta, self._p, top, self._lobe)
+        p = np.bincount(self._folded, self._p)
+        return _lobe(self._theta, p, self._theta[int(np.argmax(p))], self._lobe)
 
 
 class ParticleFilter:
@@ -101,13 +115,15 @@ class ParticleFilter:
         count: int,
         rng: np.random.Generator,
         lobe: float = _LOBE,
+        sides: tuple[int, ...] = (1, -1),
     ) -> None:
+        self._sides = sides
         self._lobe, self._bins = lobe, math.ceil(2.0 * math.pi / lobe) + 3  # half a lobe each
         self._spacing, self._sound_speed, self._ranges, self._rng = spacing, sound_speed, ranges, rng
         self._most = count
         self._noises = rng.standard_normal(max(_NOISES, 2 * count), np.float32)
         self._pings = 0
-        self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)))
+        self._xy = self._placed(np.cos(rng.uniform(0.0, math.pi, count)), sides)
         self._weights = np.full(count, 1.0 / count, np.float32)  # no logarithms: a ping's floor bounds their ratios
         self._pending = self._outward = 0.0  # rad^2, of motion noise that waits for the ping, and for resampling
         self._started = False
@@ -123,7 +139,6 @@ class ParticleFilter:
             cos, sin = math.cos(turn), math.sin(turn)
             back = np.array([[cos, sin], [-sin, cos]], np.float32)
             self._xy = back @ (self._xy - np.array(move, np.float32)[:, None])
-            np.abs(self._xy[1], out=self._xy[1])
         self._outward += spread**2
         total = self._pending + spread**2
         self._pending = min(total, _STEP**2)
@@ -135,7 +150,7 @@ class ParticleFilter:
     def update(self, likelihood: PeakLikelihood) -> None:
         """Weighs, after resampling when fewer than a quarter of the particles count."""
         if not self._started:
-            self._xy = self._placed(likelihood.draw(self._weights.size, self._rng) / likelihood.max_lag)
+            self._xy = self._placed(likelihood.draw(self._weights.size, self._rng) / likelihood.max_lag, self._sides)
             self._started = True
         else:
             self._resample_if_poor()
@@ -157,7 +172,7 @@ class ParticleFilter:
 
     def _directions(self) -> tuple[AnyArray, Array]:
         """(n,) angles, and the weight in each half lobe."""
-        theta = np.arctan2(self._xy[1], self._xy[0])
+        theta = np.arctan2(np.abs(self._xy[1]), self._xy[0])
         weights = np.bincount((theta * (2.0 / self._lobe)).astype(np.intp), self._weights, self._bins)
         return theta, np.asarray(weights, dtype=np.float64)
 
@@ -172,7 +187,7 @@ class ParticleFilter:
         scale = 2.0 * self._spacing / self._sound_speed / (np.sqrt(square + cross) + np.sqrt(square - cross))
         share, off = likelihood.nearest(x * scale)
         least = likelihood.max_lag * math.sqrt(self._pending) + _TINY  # at end-fire
-        slope = np.maximum(y * scale, least)  # of the TDOA with the angle, downwards
+        slope = np.maximum(np.abs(y) * scale, least)  # of the TDOA with the angle, downwards
         prior = slope * slope * self._pending
         both = prior + likelihood.std**2
         peak = share / np.sqrt(both * (2.0 * math.pi)) * np.exp(off * off / (both * -2.0))
@@ -190,9 +205,10 @@ class ParticleFilter:
     def _turn_by(self, tan: AnyArray) -> None:
         """Turns the particles towards the array's +x, and moves them out by 1 / cos: nothing, for small angles."""
         x, y = self._xy
+        tan = np.copysign(tan, tan * y)
         turned = np.empty_like(self._xy)
         np.add(x, tan * y, out=turned[0])
-        np.abs(y - tan * x, out=turned[1])
+        np.subtract(y, tan * x, out=turned[1])
         self._xy = turned
 
     def _search(self, likelihood: PeakLikelihood) -> None:
@@ -202,12 +218,13 @@ class ParticleFilter:
         self._xy[:, fresh] = self._placed(likelihood.draw(count, self._rng) / likelihood.max_lag)
         self._weights[fresh] = _SEARCH * _LOST / (2.0 * likelihood.max_lag * count)  # evidence of a source anywhere
 
-    def _placed(self, cosines: Array) -> AnyArray:
-        """(2, n) even over the plane between the ranges, in given directions."""
+    def _placed(self, cosines: Array, sides: tuple[int, ...] = (1, -1)) -> AnyArray:
+        """(2, n) even over the plane between the ranges, in given directions to port (1), starboard (-1) or both."""
         near, far = self._ranges
         r = np.sqrt(self._rng.uniform(near**2, far**2, cosines.size))
         xy = np.empty((2, r.size), np.float32)
         xy[0], xy[1] = r * cosines, r * np.sqrt(1.0 - cosines * cosines)
+        xy[1] *= self._rng.permutation(np.resize(sides, r.size))
         return xy
 
     def _resample_if_poor(self) -> None:
@@ -255,7 +272,8 @@ def _lobe(theta: AnyArray, weights: AnyArray, top: float, width: float) -> tuple
         spread = math.sqrt(float(inside @ np.square(theta - mean)) / share)
         mean, share, inside = _inside(theta, weights, mean, min(max(_CORE * spread, _LOBE), width))
     off = theta - mean
-    return mean, float((weights if share < 1.0 - _SUSPICION else inside) @ (off * off))
+    doubt = _SUSPICION if width <= _LOBE else _WIDE_DOUBT
+    return mean, float((weights if share < 1.0 - doubt else inside) @ (off * off))
 
 
 def _inside(theta: AnyArray, weights: AnyArray, top: float, width: float) -> tuple[float, float, AnyArray]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..types import AnyArray, Array
+from .config import ALIKE, Electronics
 from .weighting import SILENCE, bin_weights
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -24,6 +25,7 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 _LAGS_PER_CYCLE = 10  # of the highest frequency in any band
 _SKIRT = 0.05  # of a band's width, by which its soft edges reach out and in
 _BLOCK = 0.08  # cycles that bins summed before the correlation may turn at the largest lag
+_TABLE = 500_000  # elements of a table of lags; larger ones take longer than an inverse transform
 _TAPER = 32  # samples at both ends of a block that are faded, against leakage from one band into another
 
 
@@ -33,19 +35,32 @@ class Envelopes:
 
     values: Complex
     rate: float
+    base: Array  # (B,) Hz, that 0 Hz of an envelope stands for
+    bands: Array  # (B, 2) Hz
+    noise_width: Array  # (B,) Hz, of white noise in an envelope
 
 
 class BandSplitter:
     """Splits blocks of up to `length` samples into bands with soft edges: hard ones make a click ring like a ping.
 
     `bands` (B, 2) are their edges, `base` (B,) is the frequency that 0 Hz of an envelope stands for, `noise_width` (B,)
-    the width of white noise in it.
+    the width of white noise in it. What the `electronics` do to the channels is taken back.
+
+    With a `margin` in Hz the soft edges lie outside the bands and are so wide, which resolves time better.
 
     Raises:
         ValueError: a band that is empty or reaches beyond half the sample rate.
     """
 
-    def __init__(self, sample_rate: float, band_low: Array, band_high: Array, length: int) -> None:
+    def __init__(
+        self,
+        sample_rate: float,
+        band_low: Array,
+        band_high: Array,
+        length: int,
+        margin: float = 0.0,
+        electronics: Electronics = ALIKE,
+    ) -> None:
         for low, high in zip(band_low, band_high, strict=True):
             if not 0 < low < high < sample_rate / 2:
                 raise ValueError(f"band must be 0 < low < high < {sample_rate / 2:g} Hz, got {low:g} to {high:g} Hz")
@@ -56,10 +71,11 @@ class BandSplitter:
             raise ValueError(
                 f"band must be at least {2 * bin_width:g} Hz wide for this block, got {(high - low).min():g}"
             )
-        skirt = _SKIRT * (high - low)
+        skirt = np.full(low.size, margin / 2) if margin else _SKIRT * (high - low)
+        self.bands = np.stack([low, high], axis=1)
+        low, high = (low - skirt, high + skirt) if margin else (low, high)
         first = np.maximum(np.ceil((low - skirt) / bin_width), 1).astype(int)
         last = np.minimum(np.floor((high + skirt) / bin_width), self.length // 2 - 1).astype(int)
-        self.bands = np.stack([low, high], axis=1)
         self._count = fft.next_fast_len(int((last - first).max()) + 1)
         self.rate = self._count * bin_width
         self.base = first * bin_width
@@ -69,27 +85,35 @@ class BandSplitter:
         self.noise_width = np.square(self._shape).sum(axis=1) * bin_width
         within = np.arange(self._count) <= (last - first)[:, None]
         bins = np.where(within, first[:, None] + np.arange(self._count), 0)
-        self._bins = np.stack([bins, -bins % self.length])
+        self._bins = np.stack([bins, -bins % self.length], axis=1)
         scale = self._shape * within * (self._count / self.length)
-        self._shape = np.stack([scale, -1j * scale]).astype(np.complex64)
+        h0, h1 = electronics.signs
+        early = np.exp(2j * np.pi * freq * electronics.delay_offset)
+        self._shape = np.stack([scale * h0 * early, -1j * scale * h1], axis=1).astype(np.complex64)
         self._fade = np.float32(0.5) - np.float32(0.5) * np.cos(np.pi * np.arange(_TAPER, dtype=np.float32) / _TAPER)
 
-    def split(self, h0: AnyArray, h1: AnyArray) -> Envelopes:
-        """Envelopes of samples (n,), n <= length."""
+    def spectrum(self, h0: AnyArray, h1: AnyArray) -> Complex:
+        """Of samples (n,), n <= length, as real and imaginary part of one signal."""
         z, n = np.empty(self.length, np.complex64), h0.size
         z.real[:n], z.imag[:n], z[n:] = h0, h1, 0.0
         edge = min(_TAPER, n)
         z[:edge] *= self._fade[:edge]
         z[n - edge : n] *= self._fade[:edge][::-1]
-        z = fft.fft(z, overwrite_x=True)
-        bins, mirrored = z.take(self._bins)
-        np.conj(mirrored, out=mirrored)
-        both = np.empty(self._shape.shape, np.complex64)
-        np.add(bins, mirrored, out=both[0])
-        np.subtract(bins, mirrored, out=both[1])
-        both *= self._shape
-        values = fft.ifft(both, axis=-1, overwrite_x=True).swapaxes(0, 1)
-        return Envelopes(values[:, :, : n * self._count // self.length], self.rate)
+        return np.asarray(fft.fft(z, overwrite_x=True))
+
+    def envelopes(self, spectrum: Complex, n: int, bands: slice = slice(None)) -> Envelopes:
+        """Of some of the bands, from the spectrum of n samples."""
+        both = spectrum.take(self._bins[bands])
+        bins, mirrored = both[:, 0], both[:, 1].conj()
+        np.subtract(bins, mirrored, out=both[:, 1])
+        bins += mirrored
+        both *= self._shape[bands]
+        values = fft.ifft(both, axis=-1, overwrite_x=True)[:, :, : n * self._count // self.length]
+        return Envelopes(values, self.rate, self.base[bands], self.bands[bands], self.noise_width[bands])
+
+    def split(self, h0: AnyArray, h1: AnyArray) -> Envelopes:
+        """Envelopes of samples (n,), n <= length."""
+        return self.envelopes(self.spectrum(h0, h1), h0.size)
 
 
 class Correlation(NamedTuple):
@@ -109,7 +133,7 @@ class Piece(NamedTuple):
 
     band: int
     samples: Complex  # (2, m)
-    noise_power: float  # per sample and channel
+    noise_density: float  # Pa^2 / Hz in the envelope of one channel
 
 
 class Correlator:
@@ -128,14 +152,20 @@ class Correlator:
         self._alike = bool(inside.all())
         self._omega = np.asarray(2 * np.pi * freq[:, self._bins], dtype=np.float32)
         self._omega_2 = np.square(self._omega, dtype=np.float64) * self._inside
-        self._noise_scale = (splitter.rate / splitter.noise_width).tolist()  # of a bin's, per envelope power and sample
+        self._rate = splitter.rate
         self._count, self._white = self._inside.sum(axis=1).tolist(), self._omega_2.sum(axis=1).tolist()
-        steps = math.ceil(max_lag * _LAGS_PER_CYCLE * float(splitter.bands.max()))
-        self._max_lag, self._step = max_lag, max_lag / steps
-        self.lags = np.asarray(np.arange(-steps - 1, steps + 2) * self._step, dtype=np.float64)
+        step = 1.0 / (_LAGS_PER_CYCLE * float(splitter.bands.max()))
         block = max(int(_BLOCK * self._length / (splitter.rate * max_lag)), 1)
         self._blocks = np.arange(0, self._omega.shape[1], block)
-        self._tables, self._moments = self._lag_tables(block), self._moment_tables()
+        self._fine = 0  # bins of the inverse transform that takes the place of tables, for wide arrays
+        if 2.0 * max_lag / step * self._blocks.size > _TABLE:
+            self._fine = fft.next_fast_len(math.ceil(1.0 / (bin_width * step)))
+            step = 1.0 / (bin_width * self._fine)
+        steps = math.ceil(max_lag / step)
+        self._max_lag, self._step = max_lag, step if self._fine else max_lag / steps
+        self.lags = np.asarray(np.arange(-steps - 1, steps + 2) * self._step, dtype=np.float64)
+        self._tables = self._carriers() if self._fine else self._lag_tables(block)
+        self._moments = self._moment_tables()
         self._largest_std = float(self.lags[-1]) / math.sqrt(3.0)
 
     def _lag_tables(self, block: int) -> AnyArray:
@@ -148,6 +178,24 @@ class Correlator:
         phase = middle[:, :, None] * self.lags
         table = np.stack([np.cos(phase), -np.sin(phase)], axis=2)
         return np.asarray(table.reshape(len(phase), -1, self.lags.size), dtype=np.float32)
+
+    def _carriers(self) -> AnyArray:
+        """(B, L) phasors of each band's first bin over the lags."""
+        return np.asarray(np.exp(1j * self._omega[:, :1].astype(np.float64) * self.lags), np.complex64)
+
+    def _values(self, bands: list[int], weighted: Complex) -> AnyArray:
+        """(n, L) correlations of weighted cross-spectra (n, bins) over the lags."""
+        values = np.empty((len(bands), self.lags.size), np.float32)
+        if self._fine:
+            half = self.lags.size // 2
+            at = np.arange(-half, half + 1)
+            for band, row, out in zip(bands, weighted, values, strict=True):
+                out[:] = (fft.ifft(row, self._fine, norm="forward")[at] * self._tables[band]).real
+            return values
+        sums = np.add.reduceat(weighted, self._blocks, axis=1).view(np.float32)
+        for band, row, out in zip(bands, sums, values, strict=True):
+            np.dot(row, self._tables[band], out=out)
+        return values
 
     def _moment_tables(self) -> AnyArray:
         """(B, 3, 2 bins) that turn a spectrum into its correlation at lag 0, slope and minus the bend there."""
@@ -168,10 +216,7 @@ class Correlator:
         bands = [piece.band for piece in pieces]
         if not self._alike:
             weighted = weighted * self._inside.take(bands, axis=0)
-        sums = np.add.reduceat(weighted, self._blocks, axis=1).view(np.float32)
-        values = np.empty((len(pieces), self.lags.size), np.float32)
-        for band, row, out in zip(bands, sums, values, strict=True):
-            np.dot(row, self._tables[band], out=out)
+        values = self._values(bands, weighted)
         maxima = self._maxima(values, count)
         strongest = np.array([found[0, 0] for found in maxima], np.float32)
         back = _phasors(self._omega.take(bands, axis=0) * strongest[:, None])
@@ -226,8 +271,9 @@ class Correlator:
         tdoas[0] = self._limited(tdoas[0] + min(max(slope / curvature, -self._step), self._step))
         signal, white, level = powers or (curvature, self._white[piece.band], height)
         m = piece.samples.shape[1]
-        noise = piece.noise_power * self._noise_scale[piece.band] * m
-        std = self._std(noise, max(signal, 0.0), white, curvature) * math.sqrt(self._length / m)
+        noise = piece.noise_density * self._rate * m
+        alike = min(self._length / m, self._count[piece.band])  # neighbouring bins that say the same
+        std = self._std(noise, max(signal, 0.0), white, curvature) * math.sqrt(alike)
         snr = level / (self._count[piece.band] * noise)
         return Correlation(self.lags, values, tdoas, heights / max(heights[0], SILENCE), curvature / height, std, snr)
 

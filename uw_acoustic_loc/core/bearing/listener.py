@@ -10,11 +10,16 @@ import numpy as np
 
 from ..types import AnyArray, HydrophoneInfo, Samples
 from .clicks import click_block, limit_clicks
+from .config import BearingConfig
+from .detection import DB, Onset, PingDetector
+from .first_arrival import FirstArrival, best_window, gates
+from .frame_joiner import FrameJoiner
 from .gcc import BandSplitter, Correlation, Correlator, Envelopes, Piece
-from .ping import DB, FrameJoiner, Ping, PingDetector, log_energies
 from .ping_schedule import PingSchedule, Timing
 
 _GUARD = 0.1  # of a pulse length, correlated before and after the ping
+_MARGIN = 4e3  # Hz on either side of a band, in which a ping's beginning is looked for
+_WHOLE = 0.02  # cycles, by which elements half a wavelength apart may be further
 _TAIL = 2.0  # pulse lengths kept of the last frame: one for the ping, the rest to find its onset
 
 
@@ -25,20 +30,22 @@ class Heard:
     source: int
     t_ns: int  # when it reached the middle of the array
     correlation: Correlation
-    snr_db: float  # in the band, over the pulse length
+    length: float  # s from the ping's beginning, that were correlated
+    echo_std: float  # s, of the TDOA by echoes within them
+    snr_db: float  # in the band, over the pulse
 
 
 class Ear:
-    """What tells the pings of one band from their echoes."""
+    """What tells the pings of one band from their echoes, and the part of a ping that they have not reached."""
 
-    def __init__(self, timing: Timing) -> None:
-        self.schedule = PingSchedule(timing)
+    def __init__(self, timing: Timing, arrival: FirstArrival) -> None:
+        self.schedule, self.arrival = PingSchedule(timing), arrival
         self.echoes = 0  # onsets outside the window of the next ping: echoes, or leakage from other bands
 
-    def pings(self, onsets: list[Ping]) -> Iterator[Ping]:
+    def pings(self, onsets: list[Onset]) -> Iterator[Onset]:
         """The direct paths' among the onsets of a block."""
         for ping in onsets:
-            if self.schedule.is_ping(ping.t_ns):
+            if self.schedule.is_ping(ping.t_ns, ping.level):
                 yield ping
             else:
                 self.echoes += 1
@@ -51,21 +58,19 @@ class Listener:
         ValueError: a band beyond half the sample rate.
     """
 
-    def __init__(
-        self,
-        info: HydrophoneInfo,
-        bands: Sequence[tuple[float, float]],
-        max_lag: float,
-        pulse_length: float,
-        timing: Timing,
-    ) -> None:
-        self._info, self._bands, self._max_lag, self._pulse = info, tuple(bands), max_lag, pulse_length
-        self._joiner = FrameJoiner(info.sample_rate, _TAIL * pulse_length)
-        self._timing = timing
-        self.detector = PingDetector(pulse_length, len(bands))
-        self.ears = [Ear(timing) for _ in bands]
+    def __init__(self, info: HydrophoneInfo, config: BearingConfig, sound_speed: float) -> None:
+        self._info, self._bands, self._pulse = info, tuple(config.bands), config.detection.pulse_length
+        self._max_lag = info.spacing / sound_speed
+        self._joiner = FrameJoiner(info.sample_rate, _TAIL * self._pulse + self._max_lag)
+        self._timing, self._phase_std = config.timing(sound_speed, self._max_lag), config.noise.phase_std
+        self._electronics = config.electronics
+        self._gates = gates(self._pulse, self._max_lag)
+        self.detector = PingDetector(
+            self._pulse, len(self._bands), config.detection.false_alarm_rate / 3600.0, self._max_lag
+        )
+        self.ears = [self._ear() for _ in self._bands]
         self._length = self._joiner.tail
-        self._click_block = click_block(info.sample_rate, pulse_length)
+        self._click_block = click_block(info.sample_rate, self._pulse)
         self.clicks = np.zeros(2, int)  # per hydrophone; one at a frame's end counts again with the next
         self._plan()
 
@@ -83,13 +88,17 @@ class Listener:
         """Noise floor in a source's band, dB re 1 Pa rms; NaN before the first block."""
         return DB * math.log(self.detector.noise_power(source) / 2.0)
 
+    def lobes(self, source: int) -> int:
+        """Carrier cycles among which a source's TDOA may lie; 1 = there is no ambiguity."""
+        return max(1, math.ceil(sum(self._bands[source]) * self._max_lag - _WHOLE))
+
     def tune(self, bands: Sequence[tuple[float, float]]) -> None:
         """Listens to other bands from now on; what was learnt in a band that stays is kept."""
         self.check(bands)
         for k, (old, new) in enumerate(zip(self._bands, bands, strict=True)):
             if old != new:
                 self.detector.forget(k)
-                self.ears[k] = Ear(self._timing)
+                self.ears[k] = self._ear()
         self._bands = tuple(bands)
         self._plan()
 
@@ -108,30 +117,64 @@ class Listener:
         if max(block.h0.size, frame.h0.size + self._joiner.tail) > self._length:
             self._length = frame.h0.size + self._joiner.tail
             self._plan()
-        envelopes = self._splitter.split(*self._pressure(block))
-        onsets = self.detector.detect(log_energies(envelopes), envelopes.rate, block.t_ns, threshold_db)
-        pings, pieces = [], []
+        spectrum, n = self._splitter.spectrum(*self._pressure(block)), block.h0.size
+        envelopes = self._splitter.envelopes(spectrum, n)
+        end_ns = block.t_ns + round(1e9 * n / self._info.sample_rate)
+        due = [ear.schedule.due(block.t_ns, end_ns) for ear in self.ears]
+        onsets = self.detector.detect(envelopes, block.t_ns, threshold_db, due)
+        pings: list[tuple[int, Onset]] = []
+        pieces: list[Piece] = []
         for source, ear in enumerate(self.ears):
-            for ping in ear.pings(onsets[source]):
-                pings.append(ping)
-                pieces.append(self._piece(source, ping, envelopes))
-        found = self._correlator.correlate(pieces, weighting, peaks) if pieces else ()
-        for ping, piece, correlation in zip(pings, pieces, found, strict=True):
-            snr = max(correlation.snr * piece.samples.shape[1] / (self._pulse * envelopes.rate), 1e-30)
-            yield Heard(piece.band, ping.t_ns, correlation, DB * math.log(snr))
+            if onsets[source]:
+                wide = self._wide.envelopes(spectrum, n, slice(source, source + 1))
+                for ping in ear.pings(
+                    [self.detector.refined(onset, source, wide, block.t_ns) for onset in onsets[source]]
+                ):
+                    pings.append((source, ping))
+                    pieces += self._pieces(source, ping, wide)
+        found = self._correlator.correlate(pieces, weighting, peaks) if pieces else []
+        count = len(self._gates) + 1
+        for k, (source, ping) in enumerate(pings):
+            yield self._heard(source, ping, found[k * count : (k + 1) * count])
 
-    def _piece(self, source: int, ping: Ping, envelopes: Envelopes) -> Piece:
-        """It ends with the ping: what comes later is echo."""
-        pulse = round(self._pulse * envelopes.rate)
-        guard = round(_GUARD * pulse)
-        samples = envelopes.values[source][:, max(0, ping.start - guard) : ping.start + pulse + guard]
-        return Piece(source, samples, self.detector.noise_power(source))
+    def _pieces(self, source: int, ping: Onset, wide: Envelopes) -> Iterator[Piece]:
+        """Windows that begin with the ping, the shortest first; the last ends with it: what comes later is echo."""
+        guard = round(_GUARD * self._pulse * wide.rate)
+        for length in self._gates:
+            yield self._piece(source, ping, wide, ping.start, ping.start + round(length * wide.rate))
+        end = ping.start + round((self._pulse + self._max_lag) * wide.rate) + guard
+        yield self._piece(source, ping, wide, max(0, ping.start - guard), end)
+
+    def _piece(self, source: int, ping: Onset, wide: Envelopes, begin: int, end: int) -> Piece:
+        return Piece(source, wide.values[0][:, begin:end], ping.noise)
+
+    def _heard(self, source: int, ping: Onset, found: list[Correlation]) -> Heard:
+        """Of the windows the one that noise and echoes disturb least."""
+        frequency = 0.5 * sum(self._bands[source])
+        lobes = self.lobes(source)
+        choice = self.ears[source].arrival.choose(found, frequency, lobes)
+        lengths = (*self._gates, self._pulse)
+        overall = found[-1].snr * (1.0 + 2.0 * _GUARD + self._max_lag / self._pulse)
+        snr = max(overall, *(part.snr for part in found[:-1]), 1e-30)
+        best = best_window(found, choice.number, lobes)
+        return Heard(
+            source,
+            ping.t_ns + round(0.5e9 * abs(best.tdoas[0])),
+            best,
+            lengths[choice.number],
+            choice.echo_std / (2.0 * math.pi * frequency),
+            DB * math.log(snr),
+        )
+
+    def _ear(self) -> Ear:
+        return Ear(self._timing, FirstArrival(len(self._gates) + 1, self._phase_std))
 
     def _plan(self) -> None:
         low, high = np.array(self._bands).T
         self._splitter = BandSplitter(self._info.sample_rate, low, high, self._length)
-        length = math.ceil((1.0 + 2.0 * _GUARD) * self._pulse * self._splitter.rate) + 2
-        self._correlator = Correlator(self._splitter, length, self._max_lag)
+        self._wide = BandSplitter(self._info.sample_rate, low, high, self._length, _MARGIN, self._electronics)
+        length = math.ceil(((1.0 + 2.0 * _GUARD) * self._pulse + 2.0 * self._max_lag) * self._wide.rate) + 2
+        self._correlator = Correlator(self._wide, length, self._max_lag)
 
     def _pressure(self, block: Samples) -> AnyArray:
         """(2, n) Pa, without clicks."""
@@ -145,7 +188,7 @@ class Listener:
 
 
 # Hz, m, m/s, Pa per count: beyond these the tables of lags would be empty, or fill the memory
-_PLAUSIBLE = {"sample_rate": (10.0, 1e7), "spacing": (1e-3, 100.0), "sound_speed": (300.0, 1e4), "scale": (1e-15, 1e6)}
+_PLAUSIBLE = {"sample_rate": (10.0, 1e7), "spacing": (1e-3, 1000.0), "sound_speed": (300.0, 1e4), "scale": (1e-15, 1e6)}
 
 
 def check_info(info: HydrophoneInfo) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..types import Array
 
 _REMEMBERED = 32  # onsets
+_HEARD = 256  # loud onsets, echoes among them
 _ENDS = 6  # latest onsets that a period is looked for from: some of them are strays
 _REPEATED = 0.45  # share of the onsets that a period must explain
 _AS_GOOD = 0.85  # of the best share, for a shorter period: its multiples explain as much
@@ -26,6 +27,9 @@ _RELIABLE = 0.6  # share of the most reliable one's appearances
 _ALPHA, _BETA = 0.5, 0.1  # gains of the phase and of the period
 _LONGER = 1.9  # times the known period is not yet twice it, which is what lost pings look like
 _LOST = 4  # pings expected in vain, after which strays mean another phase
+_FAINTER = 4.6  # of the logarithm of a power: onsets that are fainter by more do not end another's silence
+_LEAD = 0.25  # of the longest silence of late, that lies before a direct path's onset
+_RECENT = 3.0  # times a silence, for which it counts as of late
 _STRAYS = 8  # that are not known to repeat, after which the phase is looked at again
 
 
@@ -50,18 +54,42 @@ class PingSchedule:
     def __init__(self, timing: Timing) -> None:
         self._timing = timing
         self._onsets: deque[float] = deque(maxlen=_REMEMBERED)
+        self._heard: deque[tuple[float, float]] = deque(maxlen=_HEARD)  # time and level of all that was loud
+        self._silences: deque[tuple[float, float]] = deque()  # time and lead, each shorter than the one before
         self._origin_ns: int | None = None
         self._phase = -1e9  # of the last ping
         self._strays = self._news = 0  # onsets that were no pings since the last look; without those that repeat
         self._echoes: list[float] = []  # s after the ping, the onsets that repeated when last looked at
         self.period = 0.0  # s, 0 while it is not known
 
-    def is_ping(self, t_ns: int) -> bool:
-        """Takes the next onset, in time order."""
+    def due(self, begin_ns: int, end_ns: int) -> list[tuple[float, float, float]]:
+        """When pings are expected in a stretch of time: first and last s after its begin, and period over their width.
+
+        Nothing while the period is not known.
+        """
+        self._origin_ns = begin_ns if self._origin_ns is None else self._origin_ns
+        if not self.period:
+            return []
+        begin, end = ((t - self._origin_ns) * 1e-9 for t in (begin_ns, end_ns))
+        found, count = [], max(1, math.floor((begin - self._phase) / self.period))
+        while (t := self._phase + count * self.period) < end + self.period / 4:
+            half = min(self._timing.tolerance(t - self._phase), self.period / 4)
+            if t + half > begin and count <= _LOST:
+                found.append((t - half - begin, t + half - begin, self.period / (2.0 * half)))
+            count += 1
+        return found
+
+    def is_ping(self, t_ns: int, level: float = 0.0) -> bool:
+        """Takes the next onset, in time order, with the logarithm of its power.
+
+        Echoes follow upon others that are as loud; a direct path's onset stands after a silence.
+        """
         self._origin_ns = t_ns if self._origin_ns is None else self._origin_ns
         t = (t_ns - self._origin_ns) * 1e-9
+        if not self._leads(t, level):
+            return bool(self.period) and self._expected(t, self._timing.jitter / 2)
         self._onsets.append(t)
-        if self.period and self._expected(t):
+        if self.period and self._expected(t, math.inf):
             return True
         self._strays += 1
         self._news += not self._repeats(t)
@@ -69,11 +97,24 @@ class PingSchedule:
             return self._learn(t)
         return False
 
-    def _expected(self, t: float) -> bool:
+    def _leads(self, t: float, level: float) -> bool:
+        """Whether nothing nearly as loud came shortly before, as silences go."""
+        lead = t - next((before for before, other in reversed(self._heard) if other > level - _FAINTER), 0.0)
+        first = not self._heard
+        self._heard.append((t, level))
+        while self._silences and t - self._silences[0][0] > _RECENT * self._silences[0][1]:
+            self._silences.popleft()
+        longest = self._silences[0][1] if self._silences else 0.0
+        while self._silences and self._silences[-1][1] <= lead:
+            self._silences.pop()
+        self._silences.append((t, lead))
+        return first or lead >= max(_LEAD * longest, self._timing.shortest)
+
+    def _expected(self, t: float, limit: float) -> bool:
         elapsed = t - self._phase
         count = round(elapsed / self.period)
         off = elapsed - count * self.period
-        if count < 1 or abs(off) > min(self._timing.tolerance(elapsed), self.period / 4):
+        if count < 1 or abs(off) > min(self._timing.tolerance(elapsed), self.period / 4, limit):
             return False
         self._phase += count * self.period + _ALPHA * off
         self.period += _BETA * off / count

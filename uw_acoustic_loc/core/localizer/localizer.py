@@ -65,7 +65,7 @@ class SourceLocalizer:
         return 0.5 * (1 + math.tanh(difference / 2))
 
     def _start(self, rays: list[Ray]) -> None:
-        self.sides = [Hypothesis(ray, self.config, self._rng) for ray in rays]
+        self.sides = [Hypothesis(ray, self.config, self._rng, k) for k, ray in enumerate(rays)]
         self._headings = self._heading, self._heading
         self.used += 1
 

@@ -40,6 +40,7 @@ class MultistaticConfig:
         0.5, unit="m^2/s^3", low=0, changeable=True, doc="the same while a target manoeuvres"
     )
     speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
+    max_speed: float = param(50.0, unit="m/s", low=0.1, changeable=True, doc="no target is faster: such a track ends")
     confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many sightings ...")
     confirm_pings: int = param(4, low=1, high=100, doc="... in this many pings")
     coast_time: float = param(30.0, unit="s", low=0, changeable=True, doc="a track without detections ends after this")
@@ -67,6 +68,7 @@ class MultistaticConfig:
             self.confirm_hits,
             self.confirm_pings,
             self.coast_time,
+            self.max_speed,
         )
 
 

@@ -88,7 +88,7 @@ class NodeProcess:
 
     def __init__(self, name: str, command: list[str], log: Log, restart: Restart) -> None:
         self.name, self._command, self._log, self._restart = name, command, log, restart
-        self.restarts = self._in_a_row = 0
+        self.restarts, self._in_a_row = 0, -1
         self._restart_at = 0.0
         self.failure, self.failed_at = "", -1e9  # the latest, and when it was noticed
         self._start()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-Merge = Callable[[Any, Any], Any]  # of what is known and a message, where neither says all
+Merge = Callable[[Any, Any], Any]  # of what is known (None at first) and a message, where neither says all
 
 
 class Latched:
@@ -49,7 +49,7 @@ class Latched:
 
     def _merged(self, topic: str, value: Any) -> Any:
         merge = self._merges[topic]
-        return merge(self._known[topic], value) if merge and topic in self._known else value
+        return merge(self._known.get(topic), value) if merge else value
 
 
 def alike(a: Any, b: Any) -> bool:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ...core.bearing.config import BearingConfig
+from ...core.bearing.detection import DB, energies
 from ...core.bearing.estimator import BearingEstimator
 from ...core.bearing.filters import HistogramFilter, ParticleFilter, PeakLikelihood
 from ...core.bearing.gcc import BandSplitter, Correlation
-from ...core.bearing.ping import DB, log_energies
 from ...core.types import AnyArray, Array, HydrophoneInfo
 from ...evaluation.plot import BLUE, ORANGE, RED, TRUTH, Picture, canvas, legend_below, picture
 from ...resources import resource
@@ -42,7 +42,7 @@ def extraction() -> Picture:
     figure, axes = canvas(1 + len(pingers), 1, 1.35, sharex=True)
     axes[0, 0].plot(np.arange(h0.size) / info.sample_rate * 1e3, h0, color=TRUTH, linewidth=0.4)
     axes[0, 0].set(ylabel="pressure (Pa)", title="hydrophone 0", xlim=(0.0, h0.size / info.sample_rate * 1e3))
-    for k, energy in enumerate(log_energies(envelopes)):
+    for k, energy in enumerate(np.log(energies(envelopes))):
         axis, begins = axes[k + 1, 0], [(b.t_ns - frame.t_ns) * 1e-6 for source, b in pings if source == k]
         _band(axis, DB * energy - node.listener.noise_db(k), envelopes.rate, begins)
         axis.set(ylabel="level (dB)", title=f"pinger {pingers[k].id}, {low[k] / 1e3:g} to {high[k] / 1e3:g} kHz")
@@ -50,7 +50,7 @@ def extraction() -> Picture:
     legend_below(figure, axes[-1, 0])
     caption = (
         "A frame of the harbour scenario: the pressure, and in each pinger's band the level over the noise floor, mean "
-        "logarithm over a pulse length. What passes the threshold is a ping, shaded where the node takes it to be, and "
+        "logarithm over a pulse length. Pings are shaded where the node takes them to be, and "
         "the band says whose (Choi et al. 2016, fig. 1). The later humps are the same ping over surface and seabed: "
         "they repeat with it, and come after it."
     )
@@ -67,7 +67,6 @@ def _band(axis: Any, level: AnyArray, rate: float, begins: list[float]) -> None:
     window = round(config.detection.pulse_length * rate)
     mean = np.convolve(level - DB * (math.log(2.0) + 1.0 - np.euler_gamma), np.full(window, 1.0 / window), "valid")
     axis.plot((np.arange(mean.size) + window / 2) / rate * 1e3, mean, color=BLUE, label="level over the noise floor")
-    axis.axhline(config.detection.threshold, color=RED, linestyle="--", linewidth=1.0, label="threshold")
     for begin in begins:
         end = begin + config.detection.pulse_length * 1e3
         axis.axvspan(begin, end, color=ORANGE, alpha=0.3, linewidth=0, label="ping")
@@ -185,4 +184,4 @@ def _after(filter_: str, case: MultipathChannel, seed: int, count: int) -> Itera
 
 
 def _state(node: BearingEstimator) -> object:
-    return next(iter(node.tracks[0].filters.values()))
+    return node.tracks[0].filter
