@@ -10,11 +10,11 @@ import numpy as np
 
 from ..types import AnyArray, HydrophoneInfo, Samples
 from .clicks import click_block, limit_clicks
-from .gcc import BandSplitter, Correlation, Correlator, Envelopes, Piece
 from .config import BearingConfig
 from .detection import DB, Onset, PingDetector
 from .first_arrival import FirstArrival, best_window, gates
 from .frame_joiner import FrameJoiner
+from .gcc import BandSplitter, Correlation, Correlator, Envelopes, Piece
 from .ping_schedule import PingSchedule, Timing
 
 _GUARD = 0.1  # of a pulse length, correlated before and after the ping
@@ -77,6 +77,11 @@ class Listener:
     def gaps(self) -> int:
         """Frames that came later than the one before ends: samples were lost."""
         return self._joiner.gaps
+
+    @property
+    def jitter(self) -> float:
+        """s, of the frames' stamps against the count of samples."""
+        return self._joiner.jitter
 
     @property
     def overlaps(self) -> int:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ...core.bearing.config import BearingConfig
+from ...core.bearing.detection import DB, energies
 from ...core.bearing.estimator import BearingEstimator
 from ...core.bearing.filters import HistogramFilter, ParticleFilter, PeakLikelihood
 from ...core.bearing.gcc import BandSplitter, Correlation
-from ...core.bearing.ping import DB, log_energies
 from ...core.types import AnyArray, Array, HydrophoneInfo
 from ...evaluation.plot import BLUE, ORANGE, RED, TRUTH, Picture, canvas, legend_below, picture
 from ...resources import resource
@@ -42,7 +42,7 @@ def extraction() -> Picture:
     figure, axes = canvas(1 + len(pingers), 1, 1.35, sharex=True)
     axes[0, 0].plot(np.arange(h0.size) / info.sample_rate * 1e3, h0, color=TRUTH, linewidth=0.4)
     axes[0, 0].set(ylabel="pressure (Pa)", title="hydrophone 0", xlim=(0.0, h0.size / info.sample_rate * 1e3))
-    for k, energy in enumerate(log_energies(envelopes)):
+    for k, energy in enumerate(np.log(energies(envelopes))):
         axis, begins = axes[k + 1, 0], [(b.t_ns - frame.t_ns) * 1e-6 for source, b in pings if source == k]
         _band(axis, DB * energy - node.listener.noise_db(k), envelopes.rate, begins)
         axis.set(ylabel="level (dB)", title=f"pinger {pingers[k].id}, {low[k] / 1e3:g} to {high[k] / 1e3:g} kHz")
