@@ -33,6 +33,12 @@ def test_every_name_is_there_and_documented() -> None:
         _ = ua.nothing
 
 
+def test_a_bag_is_named_by_a_text_too() -> None:
+    assert "/auv1/odometry" in ua.Bag(str(REPO / "bags/harbour")).topics
+    with pytest.raises(ValueError, match="bag nowhere does not exist"):
+        ua.Bag("nowhere")
+
+
 def test_it_needs_no_ros_and_is_imported_when_it_is_used() -> None:
     script = "import sys, uw_acoustic_loc as ua; n = 'numpy' in sys.modules; ua.score; print(n, 'rclpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -28,6 +28,7 @@ def test_values_are_taken_over_and_defaults_kept() -> None:
     built = build(Example, {"rate": 3, "names": ["a", "b"], "offsets": np.array([1.0, 2.0, 3.0])}, "node /n")
     assert built == Example(rate=3.0, names=("a", "b"), offsets=(1.0, 2.0, 3.0))
     assert isinstance(built.rate, float)
+    assert configured(Example, rate=np.float32(3.0), count=np.int64(2)) == Example(rate=3.0, count=2)
 
 
 @pytest.mark.parametrize(
@@ -39,12 +40,17 @@ def test_values_are_taken_over_and_defaults_kept() -> None:
         ({"rate": True}, "node /n: rate must be a number, got True"),
         ({"rate": float("nan")}, "node /n: rate must be from 0.5 to 10 Hz, got nan"),
         ({"rate": 11.0}, "node /n: rate must be from 0.5 to 10 Hz, got 11.0"),
+        ({"rate": 10**400}, "node /n: rate must be from 0.5 to 10 Hz, got inf"),
+        ({"rate": np.array([3.0])}, "node /n: rate must be a number, got [3.0]"),
         ({"count": 2.5}, "node /n: count must be a whole number, got 2.5"),
         ({"count": 0}, "node /n: count must be at least 1, got 0"),
         ({"on": 1}, "node /n: on must be true or false, got 1"),
         ({"method": "ukf"}, "node /n: method must be one of ekf, grid, got 'ukf'"),
         ({"offsets": [1.0]}, "node /n: offsets must have 3 elements, got 1"),
         ({"offsets": 1.0}, "node /n: offsets must be a list of float, got 1.0"),
+        ({"offsets": np.float64(1.0)}, "node /n: offsets must be a list of float, got 1.0"),
+        ({"offsets": b"abc"}, "node /n: offsets must be a list of float, got b'abc'"),
+        ({"inner": None}, "node /n: inner must be a list of mappings, got None"),
         ({"names": "ab"}, "node /n: names must be a list of str, got 'ab'"),
         ({"names": ["a", 1]}, "node /n: names[1] must be a string, got 1"),
         ({"inner": [{}]}, "node /n: inner[0]: key 'x' is missing"),

@@ -59,6 +59,20 @@ auv1: {toa_tracker: {ros__parameters: {gate_sigma: 4.0}}}
             "bearing: {seed: 1}",
             "'/bearing/seed' must hold ros__parameters, got 1",
         ),
+        ("nodes: [{executable: bearing, name: grün}]", "", "node name 'grün' must be letters"),
+        ("nodes: [{executable: bearing, namespace: 1auv}]", "", "namespace '1auv' of node bearing must be letters"),
+        ("nodes: [{executable: bearing, remap: {odometry: a b}}]", "", "remap of node bearing: 'a b' must be letters"),
+        ("nodes: [{executable: bearing}]\nnodes: []", "", "line 2: key 'nodes' is there twice"),
+        (
+            "nodes: [{executable: bearing, params: params.yaml}]",
+            "bearing: {ros__parameters: {seed: 1}}\nbearing: {ros__parameters: {seed: 2}}",
+            "line 2: key 'bearing' is there twice",
+        ),
+        (
+            "nodes: [{executable: bearing, params: params.yaml}]",
+            "bearing: {ros__parameters: {seed: &s 1, b: *s}}",
+            "an alias (*) must not be used",
+        ),
     ],
 )
 def test_mistakes_are_one_sentence(tmp_path: Path, graph: str, params: str, sentence: str) -> None:

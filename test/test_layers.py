@@ -31,11 +31,14 @@ BELOW = {
     },
     "ros": {"ros", "bag", "resolved_graph", "graph", "sim", "stages", "topics", "wire", "core", "config", "contract"},
     "evaluation": {"evaluation", "bag", "stages", "topics", "sim", "wire", "core", "config", "contract", "yaml_file"},
+    "calibration": {
+        *("calibration", "evaluation", "bag", "resolved_graph", "stages", "core", "config", "contract"),
+    },
     "planning": {"planning", "evaluation", "sim", "core", "config"},
     "studies": {"studies", "evaluation", "planning", "sim", "core", "config", "resources"},
     "cli": {
-        *("cli", "studies", "planning", "evaluation", "ros", "bag", "graph", "sim", "stages", "core", "config"),
-        *("resources", "yaml_file"),
+        *("cli", "calibration", "studies", "planning", "evaluation", "ros", "bag", "resolved_graph", "graph", "sim"),
+        *("stages", "core", "config", "resources", "yaml_file"),
     },
 }
 PLOTS = {"numpy", "scipy", "rich", "matplotlib"}
@@ -49,6 +52,7 @@ OUTSIDE: dict[str, set[str]] = {
     "sim": {"numpy", "scipy"},
     "bag": {"numpy", "scipy", "yaml", "lz4", "mcap", "zstandard", "rosbags", "soundfile"},
     "evaluation": {*PLOTS, "yaml"},
+    "calibration": {"numpy", "scipy", "yaml"},
     "planning": PLOTS,
     "studies": PLOTS,
     "cli": {"yaml", "rich"},

@@ -133,6 +133,7 @@ def _nearest(key: str, known: Mapping[str, Any]) -> str:
 
 
 def _value(kind: Any, value: Any, where: str, limits: Limits) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value  # numpy's numbers and arrays
     if get_origin(kind) is UnionType:  # `X | None`: a part that may be left out, never written as null
         kind = get_args(kind)[0]
     if dataclasses.is_dataclass(kind) and isinstance(kind, type):
@@ -151,13 +152,13 @@ def _names(value: Any, where: str) -> dict[str, str]:
 
 
 def _sequence(kind: Any, value: Any, where: str, limits: Limits) -> tuple[Any, ...]:
-    if isinstance(value, str) or (not isinstance(value, Sequence) and not hasattr(value, "tolist")):
-        raise ValueError(f"{where} must be a list of {kind.__name__}, got {value!r}")
-    items = value.tolist() if hasattr(value, "tolist") else list(value)
-    if limits.length and len(items) not in (0, limits.length):
-        raise ValueError(f"{where} must have {limits.length} elements, got {len(items)}")
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+        of = "mappings" if dataclasses.is_dataclass(kind) else kind.__name__
+        raise ValueError(f"{where} must be a list of {of}, got {value!r}")
+    if limits.length and len(value) not in (0, limits.length):
+        raise ValueError(f"{where} must have {limits.length} elements, got {len(value)}")
     element = dataclasses.replace(limits, length=0)
-    return tuple(_value(kind, item, f"{where}[{i}]", element) for i, item in enumerate(items))
+    return tuple(_value(kind, item, f"{where}[{i}]", element) for i, item in enumerate(value))
 
 
 def _scalar(kind: type, value: Any, where: str, limits: Limits) -> Any:
@@ -165,7 +166,7 @@ def _scalar(kind: type, value: Any, where: str, limits: Limits) -> Any:
     # to Python and never meant as a number.
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if kind is float and number:
-        value = float(value)
+        value = _float(value)
     elif type(value) is not kind:
         raise ValueError(f"{where} must be {_words(kind)}, got {value!r}")
     if limits.choices and value not in limits.choices:
@@ -173,6 +174,13 @@ def _scalar(kind: type, value: Any, where: str, limits: Limits) -> Any:
     if kind in (int, float) and not (limits.low <= value <= limits.high and abs(value) < math.inf):  # nor NaN
         raise ValueError(f"{where} must be {_range(limits)}, got {value!r}")
     return value
+
+
+def _float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # an integer beyond them, which is in no range
+        return math.inf if value > 0 else -math.inf
 
 
 def _words(kind: type) -> str:

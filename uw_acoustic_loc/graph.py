@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .config import build, param
 from .yaml_file import load_yaml
+
+_TOKEN = "[A-Za-z_][A-Za-z0-9_]*"
+_LETTERS = "letters, digits and underscores, and not begin with a digit"
 
 
 @dataclass(frozen=True)
@@ -92,13 +95,39 @@ def load_graph(path: Path) -> Graph:
 
 def _node(entry: NodeEntry, graph: Path) -> GraphNode:
     name = entry.name or entry.executable.split("/")[-1]
-    if not re.fullmatch(r"[A-Za-z_]\w*", name):
-        raise ValueError(f"graph {graph}: node name '{name}' must be letters, digits and underscores")
+    if not re.fullmatch(_TOKEN, name):
+        raise ValueError(f"graph {graph}: node name '{name}' must be {_LETTERS}")
     namespace = "/" + entry.namespace.strip("/")
+    if not (namespace == "/" or _is_topic(namespace)):
+        raise ValueError(f"graph {graph}: namespace '{entry.namespace}' of node {name} must be {_LETTERS}")
+    for topic in (text for pair in (entry.remap or {}).items() for text in pair):
+        if not _is_topic(f"/{topic.removeprefix('~').removeprefix('/')}"):
+            raise ValueError(f"graph {graph}: remap of node {name}: '{topic}' must be {_LETTERS}, with '/' between")
     file = graph.parent / entry.params if entry.params else None
     full_name = f"{namespace.rstrip('/')}/{name}"
     params = params_of(file, full_name) if file else {}
     return GraphNode(entry.executable, name, namespace, file, entry.remap or {}, params)
+
+
+def check_topics(names: Iterable[str], where: str) -> None:
+    """Raises ValueError for a full topic name that ROS would not take."""
+    for name in names:
+        if not _is_topic(name):
+            raise ValueError(f"{where}: {name} is no topic of ROS: ids must be {_LETTERS}")
+
+
+def _is_topic(name: str) -> bool:
+    return re.fullmatch(f"(/{_TOKEN})+", name) is not None
+
+
+def own_parameters(params: Mapping[str, Any]) -> dict[str, Any]:
+    """Without those of every ROS node, which are rclpy's business."""
+    return {
+        key: value for key, value in params.items() if key not in _OF_RCLPY and not key.startswith("qos_overrides.")
+    }
+
+
+_OF_RCLPY = ("use_sim_time", "start_type_description_service")
 
 
 def params_of(file: Path, full_name: str) -> dict[str, Any]:
@@ -106,13 +135,18 @@ def params_of(file: Path, full_name: str) -> dict[str, Any]:
     params: dict[str, Any] = {}
     for pattern, values in _sections(file):
         if _matches(pattern, full_name):
-            params |= _flat(values)
+            params |= values
     return params
+
+
+def check_params_file(file: Path) -> None:
+    """Raises a ValueError with one sentence for a params-file that cannot be read."""
+    _sections(file)
 
 
 def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
     """Returns node name patterns with their parameters, as in the file; nested namespaces are joined with slashes."""
-    content = load_yaml(file, "params-file")
+    content = load_yaml(file, "params-file", of_node=True)
     found: list[tuple[str, Mapping[str, Any]]] = []
 
     def visit(prefix: str, level: Any) -> None:
@@ -122,20 +156,24 @@ def _sections(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
             if key == "ros__parameters":
                 if not isinstance(value, Mapping):
                     raise ValueError(f"params-file {file}: '{prefix}' ros__parameters must be a mapping, got {value!r}")
-                found.append((prefix, value))
+                if not prefix:
+                    raise ValueError(f"params-file {file}: ros__parameters must stand below the name of a node")
+                found.append((prefix, _flat(value, file)))
             else:
-                visit(f"{prefix}/{str(key).strip('/')}", value)
+                visit(f"{prefix}/{key.strip('/')}", value)
 
-    visit("", content or {})
+    visit("", {} if content is None else content)
     return found
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flat(values: Mapping[str, Any], file: Path, prefix: str = "") -> dict[str, Any]:
     """Joins the keys of nested parameter mappings by dots, as rcl does."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            flat |= _flat(value, f"{prefix}{key}.")
+            if not value:
+                raise ValueError(f"params-file {file}: parameter '{prefix}{key}' must have a value, got {{}}")
+            flat |= _flat(value, file, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from .config import build
 from .contract import Input, Output, Stage
-from .graph import GraphNode
+from .graph import GraphNode, check_topics, own_parameters
 from .sim.catalog import SOURCES, DriverConfig, configured_scenario, make_source
 from .sim.scenario import Scenario, find_scenario
 from .stages.build import configure
@@ -63,6 +63,7 @@ def resolve_stage(node: GraphNode) -> ResolvedStage:
         _named(where, partial(codec, kind))
     inputs = {node.resolve(i.topic): i for i in stage.inputs}
     outputs = {node.resolve(o.topic): o for o in stage.outputs}
+    check_topics([*inputs, *outputs], where)
     return ResolvedStage(
         node,
         inputs,
@@ -105,13 +106,7 @@ def upstream_first(nodes: Sequence[N]) -> list[N]:
 
 
 def _own_parameters(node: GraphNode) -> dict[str, Any]:
-    return {
-        key: value for key, value in node.params.items() if key not in OF_RCLPY and not key.startswith("qos_overrides.")
-    }
-
-
-# parameters of every ROS node, which are rclpy's business
-OF_RCLPY = ("use_sim_time", "start_type_description_service")
+    return own_parameters(node.params)
 
 
 def _named(where: str, make: Callable[[], R]) -> R:

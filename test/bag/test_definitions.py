@@ -17,7 +17,7 @@ from uw_acoustic_loc.bag.fingerprint import fingerprints
 from uw_acoustic_loc.bag.process import OfflineRun
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.rosbags_messages import encode
-from uw_acoustic_loc.bag.storage.stored import Definition, Topic
+from uw_acoustic_loc.bag.storage.stored import Definition, Record, Topic
 from uw_acoustic_loc.bag.writer import BagWriter
 from uw_acoustic_loc.core.types import Point
 from uw_acoustic_loc.graph import load_graph
@@ -101,6 +101,36 @@ def test_what_is_only_copied_keeps_bytes_definition_and_qos(tmp_path: Path) -> N
     assert copied.topics["/theirs"] == topic
     assert [r.data for r in copied.records(["/theirs"])] == [data]
     assert [r.data for r in copied.records(["/json"])] == [b"{}"]
+
+
+def test_several_types_on_one_topic_are_copied_as_they_were(tmp_path: Path) -> None:
+    """Two of one name with different texts, and one in JSON, among them; the stage takes what is of its type."""
+    offset = "/mooring/buoy1/offset"
+    own, later = (encode(Point(START_NS + k, np.array([1.0, 0.0, 0.0]), "map")) for k in (0, 10**9))
+    sent = [
+        (Topic(offset, POINT, False, "cdr", jazzy_definition(POINT)), own),
+        (Topic(offset, POINT, False, "cdr", Definition("float64 x", "ros2msg")), b"\0\1\0\0" + bytes(8)),
+        (Topic(offset, "std_msgs/msg/String", False), b"\0\1\0\0\2\0\0\0a\0"),
+        (Topic(offset, "a/msg/B", False, "json"), b"{}"),
+        (Topic(offset, POINT, False, "cdr", jazzy_definition(POINT)), later),
+    ]
+    with BagWriter(tmp_path / "bag") as writer:
+        for k, (topic, data) in enumerate(sent):
+            writer.copy_topic(topic)
+            writer.write(offset, START_NS + k, data)
+    (tmp_path / "graph.yaml").write_text("nodes: [{executable: mooring_tracker, params: p.yaml}]", encoding="utf-8")
+    (tmp_path / "p.yaml").write_text("mooring_tracker: {ros__parameters: {mooring_ids: [buoy1]}}", encoding="utf-8")
+    refused: list[str] = []
+    run = OfflineRun(
+        Bag(tmp_path / "bag"), load_graph(tmp_path / "graph.yaml"), lambda _, refusal: refused.append(refusal.sentence)
+    )
+    run.run(tmp_path / "out", True, lambda _: None)
+    copied = [r for r in Bag(tmp_path / "out").records() if r.topic == offset]
+    assert [(r.msgtype, r.encoding, r.data) for r in copied] == [(t.msgtype, t.encoding, data) for t, data in sent]
+    assert [r.definition.text for r in copied[:2]] == [jazzy_definition(POINT).text, "float64 x"]
+    assert len(refused) == 3
+    (found,) = (one for topic, one in fingerprints(Bag(tmp_path / "bag")).items() if topic == offset)
+    assert (found.count, found.raw) == (5, 1)
 
 
 def test_a_definition_in_idl_is_read(tmp_path: Path) -> None:
@@ -196,3 +226,33 @@ def test_a_folder_of_definitions_is_read_with_what_they_are_made_of(tmp_path: Pa
     assert deserialized(record).levels[0].depth == 2.5
     with pytest.raises(ValueError, match="it has none"):
         read_definitions(tmp_path / "bag")
+
+
+HOSTILE = {
+    "a type that is a part of itself": "geometry_msgs/PointStamped next\n",
+    "two that are parts of each other": f"a/B b\n{'=' * 80}\nMSG: a/B\ngeometry_msgs/PointStamped[] next\n",
+    "a part that nobody defines": "nobody/Knows x\n",
+    "billions of texts": "string[400000000] x\n",
+    "parts that double forty times": "\n".join(
+        ["a/T0 x", *(f"{'=' * 80}\nMSG: a/T{k}\na/T{k + 1} x\na/T{k + 1} y" for k in range(40)), "=" * 80, "MSG: a/T40"]
+    ),
+}
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
+def test_a_definition_that_leads_nowhere_is_as_none(text: str) -> None:
+    own = Record("/t", "a/msg/Own", 1, bytes(68), Definition(text, "ros2msg"))
+    of_itself = Definition(text.replace("geometry_msgs/PointStamped", "a/Own"), "ros2msg")
+    with pytest.raises(ValueError, match="a/msg/Own is not known here, and the bag has no definition that can be read"):
+        deserialized(own._replace(definition=of_itself))
+    data = encode(Point(5, np.array([1.0, 2.0, 3.0])))
+    assert decoded(Point, own._replace(msgtype=POINT, data=data)).t_ns == 5, "of a type of ROS its own one counts"
+
+
+def test_a_file_of_the_message_path_that_is_no_definition_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a/msg/Folder.msg").mkdir(parents=True)
+    (tmp_path / "a/msg/Good.msg").write_bytes(b"\xef\xbb\xbffloat64 x\r\n")  # as an editor of Windows writes it
+    assert set(read_definitions(tmp_path)) == {"a/msg/Good"}
+    (tmp_path / "a/msg/Bad.msg").write_text("float64\n(((\n")
+    with pytest.raises(ValueError, match=r"^a/Bad\.msg of the message path is no message definition$"):
+        read_definitions(tmp_path)

@@ -13,12 +13,13 @@ import pytest
 import yaml
 import zstandard
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from test.bag.foreign import COUNT, FORM, START_NS, expected, messages, write_mcap, write_rosbags
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.bag.survey import survey
+from uw_acoustic_loc.bag.writer import BagWriter
 
 KEPT = expected()
 
@@ -154,6 +155,67 @@ def test_metadata_that_leads_out_of_the_bag_is_refused(name: str, tmp_path: Path
     bag = Bag(folder)
     assert contents(bag) == expected(0, 10)
     assert bag.damage == [f"bag {folder}: {name} is listed in metadata.yaml and lies outside of the bag"]
+
+
+@pytest.mark.parametrize("qos", ["[" * 5000, "- 2024-99-99", f"- durability: {'9' * 5000}", "- [1]", "!!python/x y"])
+def test_a_qos_text_of_any_kind_costs_no_message(qos: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(FORM.msgtype, "ros2msg", b"")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": qos})
+        writer.add_message(channel, START_NS, KEPT[0][2], START_NS)
+        writer.finish()
+    bag = Bag(path)
+    assert len(contents(bag)) == 1
+    with BagWriter(tmp_path / "copy") as copy:
+        copy.copy_topic(bag.topics["/a"])
+    assert bag.damage == []
+
+
+def test_odd_names_in_metadata_cost_no_message(tmp_path: Path) -> None:
+    """One too long for the file system, one that is there twice, and a count that is a text."""
+    write_mcap(tmp_path / "x.mcap")
+    about = {"relative_file_paths": ["a" * 5000, "x.mcap", "x.mcap"], "message_count": "400"}
+    (tmp_path / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": about}))
+    bag = Bag(tmp_path)
+    assert contents(bag) == KEPT
+    assert bag.damage == [f"bag {tmp_path}: {'a' * 5000} is listed in metadata.yaml but missing"]
+
+
+def test_metadata_nested_without_end_is_said(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "x.mcap")
+    (tmp_path / "metadata.yaml").write_text("[" * 100_000)
+    bag = Bag(tmp_path)
+    assert contents(bag) == KEPT
+    assert "is not a rosbag2 description" in bag.damage[0]
+
+
+def test_a_chunk_that_lies_about_its_times_is_said(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / "x.mcap", enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, places(data, Opcode.CHUNK_INDEX)[1], START_NS + 10**12)
+    path.write_bytes(data)
+    bag = Bag(path)
+    assert sorted(contents(bag), key=lambda record: record[1]) == KEPT
+    assert "other times than it claims" in bag.damage[0]
+
+
+@pytest.mark.parametrize("size", [0, 1, 4000, 1 << 20])
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_chunk_that_lies_about_its_size_costs_itself_alone(
+    size: int, compression: CompressionType, tmp_path: Path
+) -> None:
+    path = write_mcap(tmp_path / "x.mcap", enable_crcs=False, compression=compression)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, places(data, Opcode.CHUNK)[1] + 16, size)
+    path.write_bytes(data)
+    bag = Bag(path)
+    found = contents(bag)
+    assert 0.5 * COUNT < len(found) < COUNT
+    assert set(found) < set(KEPT)
+    assert len(bag.damage) == 1
 
 
 def database(folder: Path) -> Path:

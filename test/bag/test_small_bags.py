@@ -39,3 +39,8 @@ def test_offline_outputs_are_as_expected(name: str, tmp_path: Path, capsys: pyte
         capsys.readouterr()
         code = main(["check", str(tmp_path / "out"), str(expected)])
         assert code == 0, capsys.readouterr().err
+
+
+def test_the_recorded_sound_is_as_expected(capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["check", str(BAGS / "fish_array"), str(BAGS / "fish_array" / "expected.yaml")])
+    assert code == 0, capsys.readouterr().err

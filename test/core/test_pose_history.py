@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uw_acoustic_loc.core.geometry import quat_from_yaw, wrap_angle
-from uw_acoustic_loc.core.pose_history import Frame, PoseHistory
+from uw_acoustic_loc.core.pose_history import OdomFrame, PoseHistory
 from uw_acoustic_loc.core.types import Odometry
 
 Poses = list[tuple[float, float, float, float]]  # s, m, m, rad
@@ -54,7 +54,7 @@ def test_a_glitched_yaw_changes_nothing(rate, twist):
             poses[k] = t, x, y, yaw + size
         history = fed(poses, twist * speeds, twist * rates)
         assert history.resets == 0 and history.glitches >= 1
-        assert history.frame == history.believed_frame == Frame()
+        assert history.frame == history.believed_frame == OdomFrame()
         assert max(off(history, poses[-1])) < 1e-9
 
 
@@ -78,7 +78,7 @@ def test_a_disturbance_of_two_seconds_is_believed_and_then_undone():
             t, x, y, yaw = poses[k]
             poses[k] = t, x, y, yaw + size
         during = fed(poses[: begin + 10], speeds[: begin + 10], rates[: begin + 10])
-        assert during.resets == 1 and during.believed_frame == during.frame != Frame()
+        assert during.resets == 1 and during.believed_frame == during.frame != OdomFrame()
         history = fed(poses, speeds, rates)
         assert (history.resets, history.glitches) == (0, 1) and max(off(history, poses[-1])) < 1e-9
 
@@ -100,7 +100,7 @@ def test_a_reset_is_believed_after_three_poses_and_motion_goes_on(twist):
         history = fed(told, twist * speeds, twist * rates)
         if math.hypot(x0, y0) < 4 and abs(wrap_angle(yaw0)) < 0.6:
             continue  # too near to zero to be told from motion
-        assert before.resets == 0 and before.believed_frame == Frame()
+        assert before.resets == 0 and before.believed_frame == OdomFrame()
         assert history.resets == 1 and history.glitches == 0
         distance, turned = off(history, poses[-1])
         assert distance < 0.3 and turned < 0.05  # what one step of 0.1 s may curve
@@ -113,7 +113,7 @@ def test_a_noisy_compass_is_no_reset():
         poses, speeds, rates = weaving(rng, 10.0)
         noisy = [(t, x, y, yaw + rng.normal(0, 0.08)) for t, x, y, yaw in poses]
         history = fed(noisy, speeds, rates)
-        assert history.resets == 0 and history.believed_frame == Frame()
+        assert history.resets == 0 and history.believed_frame == OdomFrame()
 
 
 def test_without_a_twist_fast_motion_is_no_reset():

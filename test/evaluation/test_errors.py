@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from test import known_run as run
 from uw_acoustic_loc.core.geometry import wrap_angle
 from uw_acoustic_loc.core.types import Bearing, Point, Position
-from uw_acoustic_loc.evaluation.errors import Errors, Frame, TruePoses, map_from_odom, source_errors, true_vehicle
+from uw_acoustic_loc.evaluation.errors import Errors, MapFrame, TruePoses, map_from_odom, source_errors, true_vehicle
 from uw_acoustic_loc.evaluation.errors_bearing import bearing_errors
 from uw_acoustic_loc.evaluation.errors_net import fix_errors
 
@@ -52,7 +52,7 @@ def test_without_odometry_slam_tells_where_odom_is(recorded):
 
 
 def test_covariances_turn_with_the_frame():
-    turned = Frame(np.zeros(3), np.pi / 2).covs(np.diag([4.0, 1.0, 9.0])[None])[0]
+    turned = MapFrame(np.zeros(3), np.pi / 2).covs(np.diag([4.0, 1.0, 9.0])[None])[0]
     np.testing.assert_allclose(turned, np.diag([1.0, 4.0, 9.0]), atol=1e-12)
 
 

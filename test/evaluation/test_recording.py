@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -73,7 +75,7 @@ def test_without_a_header_the_log_time_is_the_stamp(recorded):
 def test_messages_that_cannot_be_read_are_counted(tmp_path):
     form = codec(Bearing)
     good = serialize(form.encode(BagMake(), bearing()), form.msgtype)
-    bad = serialize(form.encode(BagMake(), Bearing(run.t_ns(1.0), 0.5, -1.0, np.zeros(3))), form.msgtype)
+    bad = serialize(form.encode(BagMake(), Bearing(run.t_ns(1.0), math.nan, 0.1, np.zeros(3))), form.msgtype)
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/sources/a/bearing", form.msgtype)
         for k, data in enumerate((bad, good, b"\x00\x01", bad)):

@@ -172,8 +172,9 @@ def shift_between(begin: float, end: float, seconds: float) -> Damage:
     """Stamps are off by `seconds` between two seconds of the topic."""
 
     def damage(own: list[Heard]) -> list[Heard]:
-        first, last = index_at(own, begin), index_at(own, end)
-        return [shifted(m, seconds) if first <= k < last else m for k, m in enumerate(own)]
+        start = own[0].t_ns
+        inside = [begin <= (m.t_ns - start) * 1e-9 < end for m in own]
+        return [shifted(m, seconds) if off else m for m, off in zip(own, inside, strict=True)]
 
     return damage
 
@@ -193,6 +194,11 @@ def dropped(fraction: float = 0.1, seed: int = 1) -> Damage:
     return lambda own: [
         m for m, u in zip(own, np.random.default_rng(seed).random(len(own)), strict=True) if u >= fraction
     ]
+
+
+def lost(second: float) -> Damage:
+    """One message does not come."""
+    return lambda own: [m for k, m in enumerate(own) if k != index_at(own, second)]
 
 
 def swapped(second: float) -> Damage:

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -148,3 +149,17 @@ def tracker(domain: int) -> int | None:
         except OSError:
             continue
     return None
+
+
+@pytest.mark.parametrize("delay_s", [0.01, 0.3, 0.7, 1.2, 1.8, 2.5])
+def test_an_early_interrupt_ends_all_without_a_traceback(domain: int, delay_s: float, small: Path) -> None:
+    command = [sys.executable, "-m", "uw_acoustic_loc", "launch", str(small)]
+    launcher = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    while "yaml" not in Path(f"/proc/{launcher.pid}/maps").read_text():  # before, the interpreter itself is starting
+        time.sleep(0.001)
+    time.sleep(delay_s)  # the instant itself is what is tried
+    launcher.send_signal(signal.SIGINT)
+    _, text = launcher.communicate(timeout=LIMIT_S)
+    assert "Traceback" not in text
+    assert launcher.returncode in (0, 130, -signal.SIGINT)
+    assert node_processes(f"ROS_DOMAIN_ID={domain}") == []

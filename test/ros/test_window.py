@@ -9,7 +9,7 @@ from rclpy.serialization import deserialize_message
 from test.ros.conftest import uwloc
 from uw_acoustic_loc.bag.reader import Bag
 from uw_acoustic_loc.graph import load_graph
-from uw_acoustic_loc.resolved_graph import wire
+from uw_acoustic_loc.resolved_graph import resolve_node
 from uw_acoustic_loc.resources import resource
 from uw_acoustic_loc.ros.orchestrator.window import ordered_nodes, window_s
 
@@ -40,14 +40,17 @@ def graph(folder: Path, lateness: float) -> Path:
 
 @pytest.mark.parametrize(("lateness", "window"), [(0.5, 0.25), (4.0, 0.25), (0.1, 0.05), (0.0, 0.0)])
 def test_the_window_is_half_the_smallest_lateness(lateness: float, window: float, tmp_path: Path) -> None:
-    wirings = [wire(node) for node in load_graph(graph(tmp_path, lateness)).nodes]
+    wirings = [resolve_node(node) for node in load_graph(graph(tmp_path, lateness)).nodes]
     assert window_s(wirings) == window
     assert ordered_nodes(wirings) == {"/vehicle_driver", "/hydrophone_driver", "/bearing"}
 
 
 def test_a_graph_without_an_order_to_lose_has_the_longest_window() -> None:
     nodes = load_graph(resource("config/harbour/graph.yaml")).nodes
-    assert window_s([wire(node) for node in nodes if node.executable in ("buoy_driver", "mooring_tracker")]) == 0.25
+    assert (
+        window_s([resolve_node(node) for node in nodes if node.executable in ("buoy_driver", "mooring_tracker")])
+        == 0.25
+    )
 
 
 def test_a_small_lateness_loses_no_input_of_two_drivers(domain: int, tmp_path: Path) -> None:

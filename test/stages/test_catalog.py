@@ -40,6 +40,19 @@ class Clash(Good):
 class Letter:
     Config = Config
 
+class Half(Stage):
+    Config = Config
+    def __init__(self, config):
+        pass
+    inputs = ()
+
+class Bare(Good):
+    Config = 3
+
+class Bug(Good):
+    def __init__(self, config):
+        raise KeyError("calibration")
+
 class Odd(Good):
     inputs = (Input("letters", Letter, print),)
 """
@@ -51,6 +64,10 @@ odd = their_code:Odd
 gone = their_code:Gone
 missing = no_such_code:Good
 letter = their_code:Letter
+half = their_code:Half
+bare = their_code:Bare
+bug = their_code:Bug
+licence = their_licence:Good
 bearing = their_code:Good
 """
 
@@ -59,6 +76,7 @@ bearing = their_code:Good
 def _package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The package `their-package` with these entry points."""
     (tmp_path / "their_code.py").write_text(CODE)
+    (tmp_path / "their_licence.py").write_text("raise RuntimeError('no licence')")
     about = tmp_path / "their_package-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: their-package\nVersion: 1.0\n")
@@ -95,6 +113,9 @@ WRONG = {
         "letter",
         "",
     ): "their_code:Letter must be a contract.Stage, it has no any_id, inputs, outputs, status, check, change",
+    ("half", ""): "their_code:Half must be a contract.Stage, it has no outputs",
+    ("bare", ""): "Config of their_code:Bare must be a dataclass, got 3",
+    ("licence", ""): "their_licence:Good cannot be imported (no licence)",
     ("clash", ""): "Clash must not have a parameter lateness: every stage has it",
     ("good", "gian"): "unknown key 'gian', did you mean 'gain'?",
     ("good", "gain"): "gain must not be 13",
@@ -113,6 +134,7 @@ def test_a_broken_one_takes_nothing_from_the_others(tmp_path: Path) -> None:
     assert found["bearing_localizer"].ready
     assert found["mooring_tracker"].ready
     assert "cannot be imported" in found["their_package/missing"].unusable["with default parameters"]
+    assert found["their_package/bug"].unusable == {"with default parameters": "KeyError 'calibration'"}
     assert "Letter must be a type of core.types, or a record with its Letter.msg in" in str(
         found["their_package/odd"].unusable
     )

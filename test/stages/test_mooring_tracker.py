@@ -99,6 +99,33 @@ def test_an_absurd_measurement_changes_nothing() -> None:
     assert np.isfinite(hit[-1].pose_cov).all()
 
 
+def test_a_filter_that_left_its_prior_publishes_nothing_and_restarts() -> None:
+    config = dataclasses.replace(CONFIG, filter="kalman")
+    stage, _ = run(config, offsets()[:60])
+    with pytest.raises(ValueError, match=r"within max_offset 1000 m, 1e\+07 m put it at \d.* m: it restarts"):
+        list(stage.inputs[0].handle(point(31.0, 1e7)))
+    ((_, after),) = stage.inputs[0].handle(point(31.5, 1.0))
+    assert abs(after.position[0]) < 2.0
+    assert stage.status().values["buoy1.restarts"] == 1
+
+
+@pytest.mark.parametrize("name", ["particle", "kalman", "kalman_gated"])
+def test_whatever_is_measured_between_silences_nothing_beyond_the_prior_leaves(name: str) -> None:
+    rng = np.random.default_rng(21)
+    for _ in range(5):
+        stage, t = MooringTrackerStage(dataclasses.replace(CONFIG, filter=name)), 0.0
+        for _ in range(200):
+            t += rng.uniform(10.0, 300.0) if rng.random() < 0.1 else 0.5
+            offset = float(rng.standard_cauchy() * 10.0 ** rng.uniform(0, 6))
+            try:
+                ((_, odometry),) = stage.inputs[0].handle(point(t, offset))
+            except ValueError:
+                continue
+            assert abs(odometry.position[0]) <= CONFIG.max_offset
+            assert 0 < odometry.pose_cov[0, 0] < 1e4
+            assert 0 < odometry.twist_cov[0, 0] < 1e4
+
+
 def test_the_gate_can_be_changed() -> None:
     stage, _ = run(dataclasses.replace(CONFIG, filter="kalman_gated"), offsets()[:50])
     before = int(stage.status().values["buoy1.gated"])

@@ -8,6 +8,7 @@ import pytest
 
 from uw_acoustic_loc.contract import Emission, Input, Output, Status
 from uw_acoustic_loc.core.types import NodePositions, Point
+from uw_acoustic_loc.stages.inputs.settings import InputConfig
 from uw_acoustic_loc.stages.runner import Refusal, Runner
 
 SECOND = 1_000_000_000
@@ -93,7 +94,8 @@ def test_refusals_are_counted_by_kind_and_nothing_else_is_lost(runner: Runner, t
     assert runner.counts["echo", "published"] == 2
     assert [refusal.sentence for refusal in told] == [
         "x must not be negative, got -3",
-        "header.frame_id must be 'map', got 'odom'",
+        "header.frame_id must be 'map', got 'odom': if that is right, set inputs.point.accept_frames, and where the"
+        " sensor sits",
         "stamp 3500000000 ns came after one of the same topic at 4000000000 ns",
         "data must have 4 bytes, got 3",
     ]
@@ -120,3 +122,105 @@ def test_a_bug_is_not_swallowed() -> None:
     list(runner.push("buoys", BUOYS))
     with pytest.raises(KeyError):
         list(runner.push("point", point(1)))
+
+
+# --- what inputs are told and say -------------------------------------------------------------------------------------
+
+
+def buoys(x: float, t_ns: int = 1) -> NodePositions:
+    return NodePositions(t_ns, *(np.full(4, x) for _ in range(5)))
+
+
+def test_a_latched_message_that_repeats_itself_changes_nothing(runner: Runner) -> None:
+    calls = []
+    runner.stage._on_buoys = lambda value: calls.append(value) or []  # type: ignore[method-assign]
+    runner._inputs = {i.topic: i for i in runner.stage.inputs}
+    for second in range(1, 6):
+        runner.push("buoys", buoys(3.0, second * SECOND))
+        runner.push("point", point(second))
+    assert len(calls) == 1
+    assert runner.counts["buoys", "repeated"] == 4 and runner.counts["buoys", "received"] == 5
+    runner.push("buoys", buoys(4.0, 5 * SECOND))
+    assert len(calls) == 2
+    assert "what it says has changed" in str(runner.status().values["buoys note"])
+
+
+def test_a_refused_latched_message_does_not_replace_the_good_one(told: list[Refusal]) -> None:
+    class Careful(Echo):
+        def _on_buoys(self, value: NodePositions) -> list[Emission]:
+            if not np.isfinite(value.x).all():
+                raise ValueError("x must be finite")
+            return super()._on_buoys(value)
+
+    runner = Runner(Careful, 0.5, told.append)
+    runner.push("buoys", buoys(np.nan))
+    assert runner.missing == ["buoys"], "what was refused is not there"
+    runner.push("buoys", buoys(3.0))
+    for second in range(100, 105):
+        runner.push("point", point(second))
+    runner.push("buoys", buoys(np.inf))
+    again = [emission for second in range(1, 6) for emission in runner.push("point", point(second))]
+    assert runner.counts["", "restarts"] == 1
+    assert [value.position[1] for _, value in again] == [4.0] * 5
+
+
+def test_a_stamp_offset_moves_the_stamps_of_one_input(told: list[Refusal]) -> None:
+    runner = Runner(Echo, 0.5, told.append, {"point": InputConfig(stamp_offset=-18.0)})
+    runner.push("buoys", BUOYS)
+    assert [value.t_ns for _, value in runner.push("point", point(20))] == [2 * SECOND]
+
+
+def test_it_says_why_it_used_nothing(runner: Runner) -> None:
+    assert runner.idle_reason() == ""
+    runner.push("point", point(1))
+    assert runner.idle_reason() == "used none of 1 messages: it waits for buoys"
+    runner.push("buoys", BUOYS)
+    assert runner.idle_reason() == ""
+
+
+class Pair(Echo):
+    """Two inputs, of which it does without one."""
+
+    @property
+    def inputs(self) -> tuple[Input, ...]:
+        return (
+            Input("point", Point, self._on_point),
+            Input("other", Point, lambda _: []),
+            Input("extra", Point, lambda _: [], optional=True),
+        )
+
+
+def faults_of(offset: float, seconds: float = 8.0, topics: tuple[str, ...] = ("other", "extra")) -> str:
+    runner = Runner(Pair, 0.5, lambda _: None)
+    for k in range(int(seconds * 20)):
+        runner.push("point", point(100 + 0.05 * k + offset))
+        for topic in topics:
+            runner.push(topic, point(100 + 0.05 * k))
+    return runner.status().message
+
+
+def test_healthy_inputs_are_not_doubted() -> None:
+    assert faults_of(0.0) == faults_of(0.1) == "running"
+
+
+def test_a_clock_that_is_off_is_named_with_its_offset_and_the_cure() -> None:
+    """To within the interval of the messages."""
+    assert "stamps of point are 0.350 s ahead of other, extra" in faults_of(0.3)
+    assert "stamps of point are 18.050 s ahead of other, extra" in faults_of(18.0)
+    assert "set inputs.point.stamp_offset to 18.000" in faults_of(-18.0)
+    assert "behind other, extra" in faults_of(-18.0)
+
+
+def test_an_input_that_never_comes_is_named() -> None:
+    said = faults_of(0.0, topics=("other",))
+    assert said == "nothing on extra for 8 s: the estimator does without"
+    assert "nothing on other for 8 s" in faults_of(0.0, topics=("extra",))
+
+
+def test_the_lateness_that_would_have_done_is_said() -> None:
+    runner = Runner(Pair, 0.5, lambda _: None)
+    for k in range(100):
+        runner.push("point", point(100 + 0.05 * k))
+        if k >= 20 and k % 2:
+            runner.push("other", point(100 + 0.05 * (k - 20)))
+    assert "other came too late: with a lateness of 1.0 s nothing would have been lost" in runner.status().message

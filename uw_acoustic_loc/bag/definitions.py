@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ..wire.codec import codec
 from .rosbags_messages import STORE, decode
 from .storage.stored import NO_DEFINITION, Definition, Record
 
+_LARGEST = 10_000  # fields of a type; ROS's own have some hundreds at most
 _SEPARATOR = re.compile(r"^={40,}\n", re.MULTILINE)  # between a type and those that it is made of
 
 
@@ -38,9 +39,10 @@ def read_definitions(folder: Path) -> dict[str, Definition]:
     """By type, the definitions in a folder of packages: <package>/msg/<Type>.msg, or without the folder msg.
 
     Raises:
-        ValueError: there is no such file below the folder.
+        ValueError: there is no such file below the folder, or one is no definition.
     """
-    files = {_type_of(file): file.read_text(encoding="utf-8", errors="replace") for file in folder.rglob("*.msg")}
+    found = [file for file in folder.rglob("*.msg") if file.is_file()]
+    files = {_type_of(file): file.read_text(encoding="utf-8-sig", errors="replace") for file in found}
     if not files:
         raise ValueError(f"message path {folder} must hold <package>/msg/<Type>.msg files, it has none")
     return {name: Definition(_with_parts(name, files), "ros2msg") for name in files}
@@ -52,13 +54,16 @@ def deserialized(record: Record) -> Any:
     Raises:
         ValueError: nobody knows the type, or the bytes are not such a message.
     """
+    if record.encoding != "cdr":
+        raise ValueError(f"{record.msgtype} must be encoded as cdr, got '{record.encoding}'")
     store = store_of(record.msgtype, record.definition)
     if store is None:
         raise ValueError(f"type {record.msgtype} is not known here, and the bag has no definition that can be read")
     try:
         return store.deserialize_cdr(record.data, record.msgtype)
     except Exception as error:  # rosbags' decoder fails with whatever the bytes lead it into
-        raise ValueError(f"{record.msgtype}: {len(record.data)} bytes cannot be decoded ({error})") from None
+        words = str(error) or type(error).__name__
+        raise ValueError(f"{record.msgtype}: {len(record.data)} bytes cannot be decoded ({words})") from None
 
 
 def decoded(kind: type, record: Record) -> Any:
@@ -70,7 +75,7 @@ def decoded(kind: type, record: Record) -> Any:
     form = codec(kind)
     if record.msgtype != form.msgtype:
         raise ValueError(f"type must be {form.msgtype}, got {record.msgtype}")
-    if store_of(record.msgtype, record.definition) is STORE:
+    if record.encoding == "cdr" and store_of(record.msgtype, record.definition) is STORE:
         return decode(kind, record.data, record.t_ns)
     try:
         return form.decode(deserialized(record), record.t_ns)
@@ -96,8 +101,12 @@ def _parsed(msgtype: str, definition: Definition) -> Typestore | None:
     store = get_typestore(Stores.EMPTY)
     try:
         types = _types(msgtype, definition)
-        store.register(types | _missing(types))
-        return store if msgtype in store.types else None
+        types |= _missing(types)
+        if _size(msgtype, types) > _LARGEST:
+            return None
+        store.register(types)
+        store.hash_rihs01(msgtype)  # KeyError where a part is missing
+        return store
     except Exception:  # whatever a damaged text leads the parser into; the caller says what could not be decoded
         return None
 
@@ -120,7 +129,12 @@ def _with_parts(name: str, files: Mapping[str, str]) -> str:
     """A type's text and, each behind a line of equal signs, those of the types that it is made of."""
     texts, waiting = {name: files[name]}, [name]
     while waiting:
-        for part in _parts(get_types_from_msg(texts[one := waiting.pop()], one)[one]):
+        one = waiting.pop()
+        try:
+            parts_of_one = _parts(get_types_from_msg(texts[one], one)[one])
+        except TypesysError:
+            raise ValueError(f"{one.replace('/msg/', '/')}.msg of the message path is no message definition") from None
+        for part in parts_of_one:
             if part in files and part not in texts:
                 texts[part] = files[part]
                 waiting.append(part)
@@ -138,6 +152,30 @@ def _missing(types: Any) -> Any:
             found[name] = STORE.fielddefs[name]
             names += _parts(found[name])
     return found
+
+
+def _size(msgtype: str, types: Any, sizes: dict[str, int] | None = None) -> int:
+    """Fields of a type with all its parts and the elements of its arrays: rosbags writes code for each of them.
+
+    Raises:
+        KeyError: a part is not defined.
+        RecursionError: a type is a part of itself.
+    """
+    sizes = {} if sizes is None else sizes
+    if msgtype not in sizes:
+        sizes[msgtype] = sum(_field_size(kind, types, sizes) for _, kind in types[msgtype][1])
+    return sizes[msgtype]
+
+
+def _field_size(kind: Any, types: Any, sizes: dict[str, int]) -> int:
+    if kind[0] == Nodetype.NAME:
+        return _size(kind[1], types, sizes)
+    if kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        element, count = kind[1]
+        numbers = element[0] == Nodetype.BASE and element[1][0] != "string"
+        repeated = 1 if numbers or kind[0] == Nodetype.SEQUENCE else count
+        return repeated * _field_size(element, types, sizes)
+    return 1
 
 
 def _parts(fields: Any) -> list[str]:

@@ -57,7 +57,7 @@ def _payload(record: Record, place: int) -> bytes | None:
 
     None for a message that cannot be decoded.
     """
-    store = store_of(record.msgtype, record.definition)
+    store = store_of(record.msgtype, record.definition) if record.encoding == "cdr" else None
     if store is None:
         return None
     try:

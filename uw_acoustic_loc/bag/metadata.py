@@ -81,14 +81,6 @@ def qos_text(latched: bool) -> str:
     return str(yaml.safe_dump([_qos(latched)], sort_keys=False))
 
 
-def profiles(qos: str) -> Any:
-    """For metadata.yaml: a list, or the text where it is none."""
-    try:
-        return yaml.safe_load(qos)
-    except yaml.YAMLError:
-        return qos
-
-
 def _qos(latched: bool) -> dict[str, Any]:
     forever = {"sec": 9223372036, "nsec": 854775807}
     return {

@@ -47,7 +47,11 @@ class Pipeline:
     def __init__(self, graph: Graph, publish: Publish, report: Callable[[str, Refusal], None]) -> None:
         stages = upstream_first([resolve_stage(node) for node in graph.nodes if is_stage(node.executable)])
         if not stages:
-            raise ValueError(f"graph {graph.path} has no estimator (one of {', '.join(stage_names())})")
+            named = ", ".join(dict.fromkeys(node.executable for node in graph.nodes)) or "no node"
+            raise ValueError(
+                f"graph {graph.path} has no estimator that is installed here, it has {named};"
+                f" installed are {', '.join(stage_names())}"
+            )
         self._publish = publish
         self._members = [_Member(stage, report) for stage in stages]
         self._readers: dict[str, list[tuple[_Member, str]]] = defaultdict(list)

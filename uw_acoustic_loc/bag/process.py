@@ -18,7 +18,7 @@ from ..wire.codec import codec
 from .about import about_graph
 from .definitions import decoded
 from .pipeline import Message, Pipeline
-from .reader import Bag, Record
+from .reader import Bag, Record, Topic
 from .remap import RemappedBag
 from .writer import BagWriter
 
@@ -32,7 +32,7 @@ class OfflineRun:
         self._about = {"made_by": "process", "input": bag.path.name, **about_graph(map(resolve_node, graph.nodes))}
         self._kinds = self.pipeline.inputs
         self._writer: BagWriter
-        self._due: list[tuple[int, str, bytes]] = []  # log time, topic and CDR of what will be written
+        self._due: list[tuple[int, str | Topic, bytes]] = []  # log time, topic (one that is copied) and data
         # no simulated driver, and no estimator that can run here
         self.left_out = [
             node for node in graph.nodes if not is_stage(node.executable) and node.executable not in SOURCES
@@ -65,12 +65,10 @@ class OfflineRun:
     def _wanted(self, keep_inputs: bool) -> list[str]:
         return [*self._bag.topics, *self._bag.refused] if keep_inputs else [*self._kinds]
 
-    def _kept(self, record: Record) -> tuple[int, str, bytes]:
+    def _kept(self, record: Record) -> tuple[int, Topic, bytes]:
         topic = self._bag.topics.get(record.topic) or self._bag.refused[record.topic]
-        if record.msgtype != topic.msgtype:
-            topic = replace(topic, msgtype=record.msgtype, definition=record.definition)
-        self._writer.copy_topic(topic)
-        return record.t_ns, record.topic, record.data
+        own = replace(topic, msgtype=record.msgtype, definition=record.definition, encoding=record.encoding)
+        return record.t_ns, own, record.data
 
     def _decoded(self, batch: list[Record]) -> Iterator[Message]:
         """What the graph needs of it, and can read."""
@@ -91,7 +89,9 @@ class OfflineRun:
     def _write(self) -> None:
         """What is due, in the order of the log times."""
         for t_ns, topic, data in sorted(self._due, key=itemgetter(0)):
-            self._writer.write(topic, t_ns, data)
+            if isinstance(topic, Topic):
+                self._writer.copy_topic(topic)
+            self._writer.write(topic.name if isinstance(topic, Topic) else topic, t_ns, data)
         self._due = []
 
 

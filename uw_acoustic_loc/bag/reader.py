@@ -22,7 +22,7 @@ from .storage.sqlite_file import MAGIC as SQLITE_MAGIC
 from .storage.sqlite_file import SqliteFile
 from .storage.stored import Damage, Definition, Record, Topic
 
-__all__ = ["Bag", "Record", "Topic"]
+__all__ = ["Bag", "Definition", "Record", "Topic"]
 
 _SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
@@ -37,7 +37,8 @@ class Bag:
         ValueError: there is nothing at `path`, or it holds no bag.
     """
 
-    def __init__(self, path: Path, definitions: Mapping[str, Definition] | None = None) -> None:
+    def __init__(self, path: Path | str, definitions: Mapping[str, Definition] | None = None) -> None:
+        path = Path(path)
         if not path.exists():
             raise ValueError(f"bag {path} does not exist")
         self.path = path
@@ -49,7 +50,7 @@ class Bag:
         self._files = [self._open(file, damage) for file, damage in zip(self.files, self._damage, strict=True)]
         self._definitions = dict(definitions or {})
         listed = [self._defined(topic) for file in self._files for topic in file.topics]
-        topics = {topic.name: topic for topic in listed}
+        topics = {topic.name: topic for topic in sorted(listed, key=lambda topic: topic.encoding == "cdr")}
         types = {(topic.name, topic.msgtype): None for topic in listed}
         self.types = {name: [msgtype for one, msgtype in types if one == name] for name in topics}
         self.topics = {name: topic for name, topic in topics.items() if topic.encoding == "cdr"}
@@ -124,9 +125,10 @@ class Bag:
             return []
         try:
             about = yaml.load(listed.read_bytes(), YAML_LOADER)["rosbag2_bagfile_information"]
-            self._listed_count = about.get("message_count")
-            return [str(name) for name in about["relative_file_paths"]]
-        except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
+            count = about.get("message_count")
+            self._listed_count = count if isinstance(count, int) else None
+            return [*dict.fromkeys(str(name) for name in about["relative_file_paths"])]
+        except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError, RecursionError):
             self._note(f"bag {self.path}: metadata.yaml is not a rosbag2 description; the files beside it are read")
             return []
 
@@ -163,7 +165,10 @@ def _found(folder: Path, name: str) -> Path | None:
     if _outside(name):
         return None
     tries = (folder / name, folder / Path(name).name, folder / f"{Path(name).name}.zstd")
-    return next((file for file in tries if file.is_file()), None)
+    try:
+        return next((file for file in tries if file.is_file()), None)
+    except OSError:  # a name that is too long for the file system
+        return None
 
 
 def _outside(name: str) -> bool:

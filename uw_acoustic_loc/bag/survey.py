@@ -54,7 +54,7 @@ class _Traffic:
     def note(self, record: Record) -> None:
         self.first = self.first or record
         self.log_ns.append(record.t_ns)
-        if self.has_header and (stamp := _stamp_ns(record.data)) is not None:
+        if self.has_header and record.msgtype == self.topic.msgtype and (stamp := _stamp_ns(record.data)) is not None:
             self.stamps_ns.append(stamp)
 
 

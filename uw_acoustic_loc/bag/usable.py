@@ -10,7 +10,7 @@ from typing import Any
 from ..contract import ANY_ID, Input
 from ..graph import GraphNode
 from ..resolved_graph import ResolvedStage, resolve_stage, upstream_first
-from ..stages.catalog import stage_class, stage_names
+from ..stages.catalog import STAGES, stage_class, stage_names
 from ..topics import KnownTopic, find
 from ..wire.codec import codec
 from .definitions import decoded
@@ -64,8 +64,11 @@ def _stages() -> tuple[list[ResolvedStage], list[Use]]:
         try:
             node = GraphNode(name, name.rpartition("/")[2], "/", None, {}, stage_class(name).any_id)
             stages.append(resolve_stage(node))
-        except ValueError as error:
-            failed.append(Use(name, "/", {}, unusable={"with default parameters": str(error)}))
+        except Exception as error:
+            if name in STAGES and not isinstance(error, ValueError):
+                raise
+            words = str(error) if isinstance(error, ValueError) else f"{type(error).__name__} {error}"
+            failed.append(Use(name, "/", {}, unusable={"with default parameters": words}))
     return stages, failed
 
 

@@ -16,8 +16,10 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from ..version import __version__
 from .definitions import jazzy_definition
-from .metadata import ROS_DISTRO, described, earlier, metadata_text, profiles, qos_text
-from .storage.stored import Definition, Topic
+from .metadata import ROS_DISTRO, described, earlier, metadata_text, qos_text
+from .storage.stored import Definition, Topic, qos_profiles
+
+_Key = tuple[str, str, str, Definition]  # topic, type, encoding: several of these may share the topic's name
 
 
 class BagWriter:
@@ -39,10 +41,10 @@ class BagWriter:
         except OSError as error:
             raise ValueError(f"bag {path} cannot be made: {error.strerror}") from None
         self.path = path
-        self._channels: dict[tuple[str, str], int] = {}  # by topic and type
-        self._types: dict[str, str] = {}  # of the topic's latest declaration
+        self._channels: dict[_Key, int] = {}
+        self._keys: dict[str, _Key] = {}  # of the topic's latest declaration
         self._schemas: dict[tuple[str, Definition], int] = {}
-        self._topics: dict[tuple[str, str], dict[str, Any]] = {}
+        self._topics: dict[_Key, dict[str, Any]] = {}
         self._first, self._last = 0, 0
         self._saved = _Saved({}, 0, 0)
         self._open = True
@@ -67,7 +69,7 @@ class BagWriter:
     def counts(self) -> dict[str, int]:
         """How many messages were written per topic."""
         counts: dict[str, int] = {}
-        for (name, _), topic in self._topics.items():
+        for (name, *_), topic in self._topics.items():
             counts[name] = counts.get(name, 0) + topic["message_count"]
         return counts
 
@@ -77,11 +79,10 @@ class BagWriter:
 
     def copy_topic(self, topic: Topic) -> None:
         """Declares a topic of another bag with its definition, encoding and QoS as they are there."""
-        key = (topic.name, topic.msgtype)
-        self._types[topic.name] = topic.msgtype
+        definition = topic.definition if topic.definition.text else jazzy_definition(topic.msgtype)
+        self._keys[topic.name] = key = (topic.name, topic.msgtype, topic.encoding, definition)
         if key in self._channels or not self._open:
             return
-        definition = topic.definition if topic.definition.text else jazzy_definition(topic.msgtype)
         qos = topic.qos or qos_text(topic.latched)
         stored = {"offered_qos_profiles": qos, "topic_type_hash": definition.type_hash}
         self._channels[key] = self._writer.register_channel(
@@ -91,7 +92,7 @@ class BagWriter:
             "name": topic.name,
             "type": topic.msgtype,
             "serialization_format": topic.encoding,
-            "offered_qos_profiles": profiles(qos),
+            "offered_qos_profiles": qos_profiles(qos),
             "type_description_hash": definition.type_hash,
         }
         self._topics[key] = {"topic_metadata": described, "message_count": 0}
@@ -107,7 +108,7 @@ class BagWriter:
         """Appends the CDR bytes of a message of a declared topic, received at t_ns."""
         if not self._open:
             return
-        key = (name, self._types[name])
+        key = self._keys[name]
         self._topics[key]["message_count"] += 1
         self._first = min(self._first or t_ns, t_ns)
         self._last = max(self._last, t_ns)
@@ -147,7 +148,7 @@ class BagWriter:
         if self._file.tell() > good:
             self._saved = _Saved(self._counted(), self._first, self._last)
 
-    def _counted(self) -> dict[tuple[str, str], int]:
+    def _counted(self) -> dict[_Key, int]:
         return {key: topic["message_count"] for key, topic in self._topics.items()}
 
     def _forget_lost(self) -> None:
@@ -171,7 +172,7 @@ class BagWriter:
 class _Saved:
     """What has reached the file: messages per topic, first and last log time in ns."""
 
-    counts: dict[tuple[str, str], int]
+    counts: dict[_Key, int]
     first: int
     last: int
 

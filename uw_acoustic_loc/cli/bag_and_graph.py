@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..bag.reader import Bag
+    from ..bag.reader import Bag, Definition
     from ..bag.remap import RemappedBag
 
 
-def add_bag_and_graph(parser: ArgumentParser, many: bool = False) -> None:
+def add_bag_and_graph(parser: ArgumentParser, many: bool = False, output: str = "the bag to be made") -> None:
     """Declares the bag or bags, --graph, --output, --remap and --msg-path."""
     parser.add_argument("bag", type=Path, metavar="BAG", nargs="+" if many else None)
     parser.add_argument("--graph", type=Path, required=True, metavar="GRAPH.yaml")
-    where = "the bag to be made" + (", or the folder for those of several bags" if many else "")
+    where = output + (", or the folder for those of several bags" if many else "")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help=where)
     parser.add_argument(
         "--remap", action="append", default=[], metavar="FROM:=TO", help="another name for a topic of the bag"
@@ -32,10 +32,16 @@ def add_msg_path(parser: ArgumentParser) -> None:
 
 def read_bag(path: Path, options: Namespace) -> Bag:
     """The bag, with the definitions of --msg-path."""
-    from ..bag.definitions import read_definitions
     from ..bag.reader import Bag
 
-    return Bag(path, read_definitions(options.msg_path) if options.msg_path else None)
+    return Bag(path, given_definitions(options))
+
+
+def given_definitions(options: Namespace) -> dict[str, Definition] | None:
+    """Those of --msg-path."""
+    from ..bag.definitions import read_definitions
+
+    return read_definitions(options.msg_path) if options.msg_path else None
 
 
 def open_bag(path: Path, options: Namespace) -> RemappedBag:

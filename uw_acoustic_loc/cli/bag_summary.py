@@ -47,11 +47,15 @@ def parts(bag: Bag, found: Survey, estimators: Sequence[Use]) -> Iterator[Render
     for name, refused in bag.refused.items():
         yield Text(f"{name}: encoded as '{refused.encoding}', not cdr: it can be copied and hashed, not decoded")
     for name, record in bag.metadata.items():
-        short = ", ".join(f"{key} {' '.join(value.split())[:60]}" for key, value in record.items())
+        short = ", ".join(f"{key} {_shortened(' '.join(value.split()))}" for key, value in record.items())
         yield Text(f"metadata {name}: {short}")
     yield Text("")
     for use in estimators:
         yield Text(_sentence(use))
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _table(topics: dict[str, TopicSurvey]) -> Table:
@@ -97,3 +101,6 @@ def _instant(t_ns: int) -> str:
         return datetime.fromtimestamp(t_ns * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3] + " UTC"
     except (ValueError, OverflowError, OSError):
         return f"{t_ns} ns"
+
+
+_LONGEST = 60  # characters of a metadata entry; --json has all

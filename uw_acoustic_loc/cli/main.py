@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import signal
 from collections.abc import Sequence
+from functools import cache
 
 from ..version import __version__
 from .commands import (
+    calibrate,
     check,
     convert_wav,
     demo,
@@ -22,6 +24,7 @@ from .commands import (
     score,
     simulate,
 )
+from .console import complain
 
 COMMANDS = {
     "demo": demo,
@@ -35,6 +38,7 @@ COMMANDS = {
     "info": info,
     "check": check,
     "reproduce": reproduce,
+    "calibrate": calibrate,
     "plan": plan,
     "convert-wav": convert_wav,
 }
@@ -44,18 +48,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command; the one place where a user's error becomes a sentence."""
     options = _parser().parse_args(arguments)
     try:
+        if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         code: int = options.run(options)
     except ValueError as error:
-        print(f"uwloc: {error}", file=sys.stderr)
+        complain(str(error))
         return 1
     except OSError as error:
-        print(f"uwloc: {error.filename or 'operating system'}: {error.strerror}", file=sys.stderr)
+        complain(f"{error.filename or 'operating system'}: {error.strerror}")
         return 1
     except KeyboardInterrupt:
         return 130
     return code
 
 
+@cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("uwloc", description="Acoustic localization for AUVs, live and from bags.")
     parser.add_argument("--version", action="version", version=__version__)

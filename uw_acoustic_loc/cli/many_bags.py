@@ -11,7 +11,7 @@ from pathlib import Path
 from ..bag.reader import Bag
 from ..bag.remap import remaps
 from ..graph import load_graph
-from .console import STDERR, progress
+from .console import progress, say
 
 
 def process_many(options: Namespace) -> int:
@@ -30,11 +30,11 @@ def process_many(options: Namespace) -> int:
         runs = {pool.submit(_run, bag, outputs[bag], options): bag for bag in options.bag}
         for count, run in enumerate(as_completed(runs), 1):
             bag, (code, message) = runs[run], run.result()
-            STDERR.print(f"[{count}/{len(runs)}] {bag}: {message}", markup=False, soft_wrap=True)
+            say(f"[{count}/{len(runs)}] {bag}: {message}")
             failed += code != 0
             done += seconds[bag]
             bar(done)
-    STDERR.print(f"{len(runs) - failed} of {len(runs)} bags in {options.output}")
+    say(f"{len(runs) - failed} of {len(runs)} bags in {options.output}")
     return int(failed > 0)
 
 

@@ -37,7 +37,7 @@ class PlanarPose(NamedTuple):
         return self._replace(x=self.x + dx, y=self.y + dy, yaw=self.yaw + turn)
 
 
-class Frame(NamedTuple):
+class OdomFrame(NamedTuple):
     """From odom to the frame of a history, points as complex numbers: p -> turn p + shift."""
 
     turn: complex = 1 + 0j
@@ -57,7 +57,7 @@ class Reset:
     t_ns: int
     move: float  # m
     turn: float  # rad
-    before: Frame  # that of the poses before
+    before: OdomFrame  # that of the poses before
     last: PlanarPose  # the last of these
     last_ns: int
     confirmed: int = 0  # poses since that go on from there
@@ -84,7 +84,7 @@ class PoseHistory:
         self._t_ns: list[int] = []
         self._poses: list[PlanarPose] = []
         self._given: PlanarPose | None = None  # the last odometry's, in odom
-        self._frame = Frame()
+        self._frame = OdomFrame()
         self._reset: Reset | None = None  # the last one, while it may be undone
         self.resets = self.glitches = 0
         self.last_reset: Reset | None = None  # the last one that was believed or undone
@@ -93,12 +93,12 @@ class PoseHistory:
         return len(self._poses)
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> OdomFrame:
         """Of the last pose; a reset that is not believed yet counts."""
         return self._frame
 
     @property
-    def believed_frame(self) -> Frame:
+    def believed_frame(self) -> OdomFrame:
         """Of what others take for odom now."""
         return self._frame if self._reset is None or self._believed else self._reset.before
 
@@ -194,7 +194,7 @@ class PoseHistory:
         else:
             self._reset = Reset(t_ns, move, turned, self._frame, moving, self._t_ns[-1])
         turn = cmath.rect(1.0, guess.yaw - given.yaw)
-        self._frame = Frame(turn, complex(guess.x, guess.y) - turn * complex(given.x, given.y))
+        self._frame = OdomFrame(turn, complex(guess.x, guess.y) - turn * complex(given.x, given.y))
         return given._replace(x=guess.x, y=guess.y, yaw=guess.yaw)
 
     def _confirm(self, t_ns: int) -> None:

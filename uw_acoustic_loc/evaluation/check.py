@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..bag.definitions import deserialized
 from ..bag.fingerprint import TIMER_DRIVEN, fingerprints
-from ..bag.reader import Bag
+from ..bag.reader import Bag, Definition
 from ..bag.survey import TopicSurvey, survey
 from ..config import build, param
 from ..core.types import Array
@@ -98,9 +98,9 @@ def load_expected(path: Path) -> Expected:
     return expected
 
 
-def checked(path: Path, expected: Expected) -> Iterator[Check]:
-    """Yields all checks, in the order of the file."""
-    bag = Bag(path)
+def checked(path: Path, expected: Expected, definitions: Mapping[str, Definition] | None = None) -> Iterator[Check]:
+    """Yields all checks, in the order of the file; `definitions` as for a bag."""
+    bag = Bag(path, definitions)
     found = survey(bag)
     for wanted in expected.topics:
         topic = found.topics.get(wanted.name)
@@ -113,7 +113,7 @@ def checked(path: Path, expected: Expected) -> Iterator[Check]:
         for one in wanted.values:
             yield _of_field(bag, wanted.name, one)
     if expected.scores:
-        scored = score(load(path))
+        scored = score(load(path, definitions))
         yield from (_in_range(f"score {one.name}", one.range, _lookup(scored, one.name)) for one in expected.scores)
     if not expected.damage:
         yield Check("damage", "none", "; ".join(bag.damage) or "none", not bag.damage)

@@ -68,7 +68,7 @@ class TruePoses:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class MapFrame:
     """The pose of a frame in map: turned by yaw, then shifted."""
 
     origin: Array  # (3,)
@@ -89,7 +89,7 @@ class Frame:
         return np.asarray(self.rotation @ covs @ self.rotation.T)
 
 
-MAP = Frame(np.zeros(3), 0.0)
+MAP = MapFrame(np.zeros(3), 0.0)
 
 
 def true_vehicle(recording: Recording, space: str) -> TruePoses | None:
@@ -100,7 +100,7 @@ def true_vehicle(recording: Recording, space: str) -> TruePoses | None:
     return TruePoses(found[0]) if found else None
 
 
-def map_from_odom(recording: Recording, space: str, truth: TruePoses) -> Frame | None:
+def map_from_odom(recording: Recording, space: str, truth: TruePoses) -> MapFrame | None:
     """Returns the pose of `odom` in map.
 
     `odom` is the pose of base_link at the start of the run, where dead reckoning and SLAM begin with 0, 0, 0 and yaw 0.
@@ -112,11 +112,11 @@ def map_from_odom(recording: Recording, space: str, truth: TruePoses) -> Frame |
         return None
     first: Odometry = series.values[int(np.argmax(truth.covers(series.t_ns)))]
     true_position, true_yaw = truth.at(np.array([first.t_ns]))
-    turn = Frame(np.zeros(3), float(true_yaw[0]) - yaw_from_quat(first.quat_xyzw))
-    return Frame(true_position[0] - turn.positions(first.position), turn.yaw)
+    turn = MapFrame(np.zeros(3), float(true_yaw[0]) - yaw_from_quat(first.quat_xyzw))
+    return MapFrame(true_position[0] - turn.positions(first.position), turn.yaw)
 
 
-def frame_of(recording: Recording, series: Series, truth: TruePoses | None) -> Frame | None:
+def frame_of(recording: Recording, series: Series, truth: TruePoses | None) -> MapFrame | None:
     """Returns the pose in map of a series' frame, map itself or the vehicle's odom; None when it is not known."""
     if series.values[0].frame_id.split("/")[-1] == "map":
         return MAP
@@ -156,7 +156,7 @@ def mooring_errors(recording: Recording, series: Series) -> Errors | None:
     return _errors(series.t_ns[matched], (positions[matched], covs[matched]), offsets, 1) if matched.any() else None
 
 
-def _path_errors(series: Series, frame: Frame, truth: TruePoses, dims: int) -> Errors | None:
+def _path_errors(series: Series, frame: MapFrame, truth: TruePoses, dims: int) -> Errors | None:
     inside = truth.covers(series.t_ns)
     if not inside.any():
         return None
@@ -170,7 +170,7 @@ def _errors(t_ns: AnyArray, estimates: tuple[Array, Array], truth: Array, dims: 
     return Errors(t_ns, positions, (positions - truth)[:, :dims], covs[:, :dims, :dims])
 
 
-def _estimates(series: Series, frame: Frame) -> tuple[Array, Array]:
+def _estimates(series: Series, frame: MapFrame) -> tuple[Array, Array]:
     """Returns positions (n, 3) and covariances (n, 3, 3) in map."""
     positions = np.array([value.position for value in series.values])
     covs = np.array([_cov(value) for value in series.values])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..core.types import Array, NodePositions
-from .errors import MAP, Frame, TruePoses, frame_of, true_vehicle
+from .errors import MAP, MapFrame, TruePoses, frame_of, true_vehicle
 from .plot import (
     BLUE,
     GREEN,
@@ -127,7 +127,7 @@ def _tracks(axis: Any, series: Series, colour: str, label: str | None, width: fl
         label = None
 
 
-def _estimated_pinger(axis: Any, series: Series, frame: Frame, colour: str, label: str | None) -> Array:
+def _estimated_pinger(axis: Any, series: Series, frame: MapFrame, colour: str, label: str | None) -> Array:
     """Draws the last estimate and returns its position (3,)."""
     last = series.values[-1]
     centre: Array = frame.positions(last.position[None])[0]
@@ -167,11 +167,11 @@ def _line(axis: Any, positions: Array, colour: str, label: str, width: float = 1
     axis.plot(positions[:, 0], positions[:, 1], color=colour, linewidth=width, alpha=alpha, label=label)
 
 
-def _positions(series: Series, frame: Frame) -> Array:
+def _positions(series: Series, frame: MapFrame) -> Array:
     """Returns positions (n, 3) in the frame of the picture."""
     return frame.positions(np.array([value.position for value in series.values]))
 
 
-def _frame(recording: Recording, series: Series, truth: TruePoses | None) -> Frame:
+def _frame(recording: Recording, series: Series, truth: TruePoses | None) -> MapFrame:
     """Returns the series' frame; without the truth the picture is in the estimates' own frame."""
     return frame_of(recording, series, truth) or MAP

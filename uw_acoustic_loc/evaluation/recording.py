@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..bag.definitions import decoded
-from ..bag.reader import Bag, Record
+from ..bag.reader import Bag, Definition, Record
 from ..core.types import AnyArray, Scalar
 from ..topics import TOPICS, KnownTopic, Place, find
 from ..wire.codec import codec
@@ -80,13 +80,15 @@ class Recording:
         return name if first else f"{space.strip('/')}/{name}"
 
 
-def load(path: Path) -> Recording:
+def load(path: Path, definitions: Mapping[str, Definition] | None = None) -> Recording:
     """Reads a bag; messages that cannot be read are counted, a damaged bag is read as far as it goes.
+
+    `definitions` stand in where the bag has none of a type.
 
     Raises:
         ValueError: there is no bag at `path`.
     """
-    bag = Bag(path)
+    bag = Bag(path, definitions)
     readers = {name: reader for name, topic in bag.topics.items() if (reader := _reader(name, topic.msgtype))}
     times: dict[str, list[int]] = {name: [] for name in bag.topics}
     for record in bag.records():

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -26,7 +25,7 @@ from ..sim.scenario import Scenario
 from ..wire.messages import ODOMETRY
 from .diagnostics import Diagnostics
 from .endpoints import Publishers
-from .parameters import declare, given_parameters
+from .parameters import declare, given_parameters, make_node
 from .qos import PUBLISHER, overridable
 from .rclpy_messages import RosMake
 from .report import NodeReport
@@ -43,7 +42,7 @@ class DriverNode:
     """Follows /clock when use_sim_time is set; otherwise real time, with all stamps moved to its start."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        self.node = make_node(executable)
         config = self._configure()
         scenario = self._scenario(config)
         source = make_source(executable, scenario)

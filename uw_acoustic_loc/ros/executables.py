@@ -1,17 +1,17 @@
-"""The node executables of `ros2 run uw_acoustic_loc <name>`."""
+"""The node executables of `ros2 run uw_acoustic_loc <name>`; each imports its own alone, so that it is up soon."""
+# ruff: noqa: PLC0415
 
 from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
+from ..graph import check_params_file
 from ..sim.catalog import SOURCES
 from ..stages.catalog import STAGES, is_stage, other_stages
-from .driver import DriverNode
-from .node import StageNode
-from .player import PlayerNode
-from .recorder import RecorderNode
 from .spin import Program, run
 
 BUG = 70  # EX_SOFTWARE of sysexits.h
@@ -27,6 +27,11 @@ def main(arguments: list[str]) -> int:
         )
         return 2
     executable, *rest = arguments
+    try:
+        _check_params_files(rest)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 1
     try:
         return run(lambda: _program(executable), [executable, *rest])
     except Exception:  # a bug: its traceback, and an exit code that is not the user's error
@@ -47,11 +52,26 @@ def script() -> int:
     return main([next(known, path.name), *sys.argv[1:]])
 
 
+def _check_params_files(arguments: Sequence[str]) -> None:
+    """Refuses with the sentence of the offline programs what rcl would refuse with one of its own."""
+    for option, value in pairwise(arguments):
+        if option == "--params-file":
+            check_params_file(Path(value))
+
+
 def _program(executable: str) -> Program:
     if executable in SOURCES:
+        from .driver import DriverNode
+
         return DriverNode(executable)
     if executable == "recorder":
+        from .recorder import RecorderNode
+
         return RecorderNode(executable)
     if executable == "player":
+        from .player import PlayerNode
+
         return PlayerNode(executable)
+    from .node import StageNode
+
     return StageNode(executable)

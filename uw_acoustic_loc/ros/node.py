@@ -6,9 +6,8 @@ import dataclasses
 import time
 from typing import Any
 
-import rclpy
-
 from ..contract import Stage
+from ..graph import check_topics
 from ..stages.build import ConfiguredStage, configure
 from ..stages.inputs.settings import PREFIX
 from ..stages.runner import Refusal, Runner
@@ -16,7 +15,7 @@ from ..wire.codec import codec
 from .diagnostics import Diagnostics, InputWatch
 from .endpoints import Publishers, Subscriptions
 from .markers import Markers
-from .parameters import declare, given_parameters, on_change
+from .parameters import declare, given_parameters, make_node, on_change
 from .rclpy_messages import from_dds
 from .report import NodeReport
 from .spin import Stop
@@ -27,8 +26,7 @@ class StageNode:
     """An estimator node; parameters, diagnostics, markers and `~/sync` are the same for all."""
 
     def __init__(self, executable: str) -> None:
-        name = executable.rpartition("/")[2]  # another package's is package/name
-        self.node = rclpy.create_node(name, automatically_declare_parameters_from_overrides=True)
+        self.node = make_node(executable.rpartition("/")[2])  # another package's is package/name
         self._configured = self._configure(executable)
         self._log = self.node.get_logger()
         self._logged: dict[str, float] = {}
@@ -58,6 +56,9 @@ class StageNode:
         where = f"node {self.node.get_fully_qualified_name()}"
         try:
             configured = configure(executable, given_parameters(self.node), where)
+            stage = configured.make()
+            topics = [i.topic for i in stage.inputs] + [o.topic for o in stage.outputs]
+            check_topics([f"/{topic.lstrip('/')}" for topic in topics], where)
         except ValueError as error:
             raise Stop(1, str(error)) from None
         declare(self.node, configured.config)

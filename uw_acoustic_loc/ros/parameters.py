@@ -8,21 +8,56 @@ from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ..config import build, limits_of, parameters, values_of
-from ..resolved_graph import OF_RCLPY
+from ..graph import own_parameters
+from .qos import check_overrides
+from .spin import Stop, one_line
 
 
-def given_parameters(node: Node) -> dict[str, Any]:
+def make_node(executable: str) -> ParameterNode:
+    """A node with the parameters of command line and params-files.
+
+    Raises:
+        Stop: ROS cannot use its name, or a value of `qos_overrides` is none.
+    """
+    try:
+        node = ParameterNode(executable)
+        check_overrides(_given(node), (), f"node {node.get_fully_qualified_name()}")
+    except (ValueError, RuntimeError, NameValidationException) as error:
+        raise Stop(1, f"{executable}: {one_line(error)}") from None
+    return node
+
+
+class ParameterNode(Node):
+    """A node that has declared every parameter it was given: one that nobody knows can then be refused.
+
+    rclpy cannot declare an empty list, which has no type; here it is one all the same.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.empty: list[str] = []
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+
+    def declare_parameters(self, namespace: str, parameters: Any, ignore_override: bool = False) -> Any:
+        """Declares all but empty lists, and notes those."""
+        self.empty += [name for name, value, *_ in parameters if value is None]
+        typed = [one for one in parameters if one[1] is not None]
+        return super().declare_parameters(namespace, typed, ignore_override)
+
+
+def given_parameters(node: ParameterNode) -> dict[str, Any]:
     """What the command line and params-files gave, without rclpy's own parameters."""
+    return own_parameters(_given(node))
+
+
+def _given(node: ParameterNode) -> dict[str, Any]:
     given: dict[str, Any] = node.get_parameters_by_prefix("")
-    return {
-        name: parameter.value
-        for name, parameter in given.items()
-        if name not in OF_RCLPY and not name.startswith("qos_overrides.")
-    }
+    empty: dict[str, Any] = {name: [] for name in node.empty}
+    return empty | {name: parameter.value for name, parameter in given.items()}
 
 
 def declare(node: Node, config: Any, prefix: str = "") -> None:

@@ -15,15 +15,18 @@ from pathlib import Path
 
 import rclpy
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock
 
-from ..bag.reader import Bag, Record
+from ..bag.reader import Bag, Record, Topic
 from ..bag.remap import RemappedBag, remaps
 from ..config import build, param
 from .endpoints import Peers
-from .parameters import declare, given_parameters
+from .parameters import declare, given_parameters, make_node
 from .qos import PUBLISHER, STREAM_DEPTH, overridable, qos
 from .rclpy_messages import clock_message, message_class
 from .report import Deliveries, NodeReport, Reports, unmatched, unreached
@@ -51,7 +54,7 @@ class PlayerNode:
     """Plays once, then exits with code 0; with code 1 and a sentence when consumers do not follow."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        self.node = make_node(executable)
         try:
             where = f"node {self.node.get_fully_qualified_name()}"
             self._config = build(PlayerConfig, given_parameters(self.node), where)
@@ -64,18 +67,14 @@ class PlayerNode:
         self._own_executor.add_node(self._service_node)
         self._sync = SyncClient(self._service_node, self._own_executor, list(self._config.consumers))
         self._clock = self.node.create_publisher(Clock, "/clock", 10)
-        self._publishers = {
-            topic.name: self.node.create_publisher(
-                message_class(topic.msgtype),
-                topic.name,
-                _offered(topic.latched or topic.name in self._config.latched),
-                qos_overriding_options=overridable(self.node, topic.name, PUBLISHER),
-            )
-            for topic in self._bag.topics.values()
-            if not self._config.topics or topic.name in self._config.topics
-        }
+        self._publishers: dict[str, Publisher] = {}
+        self._types: dict[str, str] = {}  # by topic
+        for topic in self._bag.topics.values():
+            if not self._config.topics or topic.name in self._config.topics:
+                self._add(topic)
         self._readers = {topic: Peers(self.node, publisher) for topic, publisher in self._publishers.items()}
         self._sent: Counter[str] = Counter()
+        self._skipped: Counter[str] = Counter()
         self._deliveries = Deliveries()
         self._played_s = 0.0  # of the bag
         SyncService(self.node, self._report, lambda: None)
@@ -85,7 +84,8 @@ class PlayerNode:
         """Plays the next window."""
         wait = next(self._plan, None)
         if wait is None:
-            raise Stop(0, f"played {sum(self._sent.values())} messages of {self._config.bag}")
+            left_out = "".join(f", left out {count} on {topic}" for topic, count in sorted(self._skipped.items()))
+            raise Stop(0, f"played {sum(self._sent.values())} messages of {self._config.bag}{left_out}")
         return wait
 
     def close(self) -> None:
@@ -95,13 +95,35 @@ class PlayerNode:
         self._own_executor.shutdown()
         self._service_node.destroy_node()
 
+    def _add(self, topic: Topic) -> None:
+        """Makes its publisher; none, but a warning, for a type that is not installed or a name that is not ROS's."""
+        self._types[topic.name] = topic.msgtype
+        try:
+            validate_full_topic_name(topic.name)
+            self._publishers[topic.name] = self.node.create_publisher(
+                message_class(topic.msgtype),
+                topic.name,
+                _offered(topic.latched or topic.name in self._config.latched),
+                qos_overriding_options=overridable(self.node, topic.name, PUBLISHER),
+            )
+        except (ValueError, NameValidationException) as error:
+            self.node.get_logger().warning(f"{topic.name} is not played: {' '.join(str(error).split())}")
+
+    def _records(self) -> Iterator[Record]:
+        """What can be played; the rest is counted."""
+        for record in self._bag.records([*self._types]):
+            if record.topic in self._publishers and record.msgtype == self._types[record.topic]:
+                yield record
+            else:
+                self._skipped[record.topic] += 1
+
     def _report(self) -> NodeReport:
         return NodeReport(played_s=self._played_s)
 
     def _play(self) -> Iterator[float]:
         self._await(self._unmatched, "the nodes are not connected")
         begun, first_ns = time.monotonic(), 0
-        for window in _windows(self._bag.records(list(self._publishers)), round(self._config.window * 1e9)):
+        for window in _windows(self._records(), round(self._config.window * 1e9)):
             first_ns = first_ns or window[0].t_ns
             while (ahead := self._ahead(window[0].t_ns - first_ns, begun)) > 0:
                 yield min(ahead, 0.05)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from rclpy.duration import Infinite
@@ -59,13 +59,45 @@ def qos(latched: bool, depth: int = STREAM_DEPTH) -> QoSProfile:
 
 def overridden(node: Node, topic: str, entity: str) -> set[QoSPolicyKind]:
     """The policies of one of the node's publishers or subscriptions that its `qos_overrides` parameters give."""
-    stem = f"qos_overrides.{node.resolve_topic_name(topic)}.{entity}"
+    stem = f"{_OVERRIDES}{node.resolve_topic_name(topic)}.{entity}"
     return {kind for kind in _POLICIES if node.has_parameter(f"{stem}.{kind.name.lower()}")}
 
 
 def overridable(node: Node, topic: str, entity: str) -> QoSOverridingOptions:
     """Every policy that is given by `qos_overrides.<topic>.<entity>.<policy>` replaces ours."""
     return QoSOverridingOptions(_USUAL | overridden(node, topic, entity))
+
+
+def check_overrides(parameters: Mapping[str, Any], topics: Collection[str], where: str) -> None:
+    """Raises ValueError for a `qos_overrides` parameter that rclpy would ignore or stumble over; no topics = any."""
+    for key, value in parameters.items():
+        if not key.startswith(_OVERRIDES):
+            continue
+        topic, entity, policy = ["", "", *key.removeprefix(_OVERRIDES).rsplit(".", 2)][-3:]
+        allowed = _ALLOWED.get(policy, ())
+        if topics and topic not in topics:
+            raise ValueError(f"{where}: {key}: the node has no topic {topic}, only {', '.join(sorted(topics))}")
+        if entity not in (PUBLISHER, SUBSCRIPTION) or not allowed:
+            form = f"{_OVERRIDES}<topic>.publisher|subscription.{'|'.join(_ALLOWED)}"
+            raise ValueError(f"{where}: {key} must be {form}")
+        if not (value in allowed if isinstance(allowed, list) else type(value) is allowed):
+            words = ", ".join(allowed) if isinstance(allowed, list) else _WORDS[allowed]
+            raise ValueError(f"{where}: {key} must be {words}, got {value!r}")
+
+
+_OVERRIDES = "qos_overrides."
+_ALLOWED: dict[str, list[str] | type] = {
+    "reliability": ["reliable", "best_effort"],
+    "durability": ["volatile", "transient_local"],
+    "history": ["keep_last", "keep_all"],
+    "depth": int,
+    "deadline": int,
+    "lifespan": int,
+    "liveliness": ["automatic", "manual_by_topic"],
+    "liveliness_lease_duration": int,
+    "avoid_ros_namespace_conventions": bool,
+}
+_WORDS = {int: "a whole number (times in ns)", bool: "true or false"}
 
 
 def adapted(own: QoSProfile, offers: Iterable[QoSProfile], pinned: set[QoSPolicyKind]) -> list[QoSProfile]:

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import rclpy
-
 from ..bag.writer import BagWriter
 from ..config import build, param
 from ..contract import Status
 from .diagnostics import Diagnostics
 from .endpoints import Subscriptions
-from .parameters import declare, given_parameters
+from .parameters import declare, given_parameters, make_node
 from .report import NodeReport
 from .spin import Stop
 from .sync import SyncService
@@ -41,7 +39,7 @@ class RecorderNode:
     """A bag with everything that was heard; a full disk ends the recording with exit code 1 and a readable bag."""
 
     def __init__(self, executable: str) -> None:
-        self.node = rclpy.create_node(executable, automatically_declare_parameters_from_overrides=True)
+        self.node = make_node(executable)
         where = f"node {self.node.get_fully_qualified_name()}"
         try:
             self._config = build(RecorderConfig, given_parameters(self.node), where)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -30,10 +31,16 @@ class Stop(Exception):
         self.code = code
 
 
+def one_line(error: Exception) -> str:
+    """An error of rclpy's without its places in C code."""
+    return re.sub(r", at /\S+?:\d+", "", " ".join(str(error).split()))
+
+
 class Program(Protocol):
     """What runs in a process: a node, work between its callbacks, and an orderly end."""
 
-    node: Node
+    @property
+    def node(self) -> Node: ...
 
     def idle(self) -> float:
         """Called after every wake-up; returns how long the next wait may be, in s."""
@@ -46,7 +53,11 @@ def run(make_program: Callable[[], Program], args: list[str]) -> int:
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda signum, _frame: signals.append(signum))
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # rclpy's, of several kinds: it has had nothing but the arguments
+        print(f"{args[0]}: {one_line(error)}", file=sys.stderr)
+        return 1
     try:
         _spin(make_program(), signals)
     except Stop as stop:

@@ -6,10 +6,13 @@ import dataclasses
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..config import param
 from ..contract import Source
-from .scenario import Scenario, find_scenario, load_scenario
+
+if TYPE_CHECKING:
+    from .scenario import Scenario
 
 SOURCES = {
     "vehicle_driver": ("vehicle", "VehicleSource"),
@@ -30,6 +33,8 @@ class DriverConfig:
 
 def configured_scenario(config: DriverConfig, base: Path) -> Scenario:
     """Reads the scenario that a driver's parameters name, with their seed; relative paths are taken from `base`."""
+    from .scenario import find_scenario, load_scenario  # noqa: PLC0415  slow to import, and estimators need it not
+
     scenario = load_scenario(find_scenario(config.scenario, base))
     return scenario if config.seed < 0 else dataclasses.replace(scenario, seed=config.seed)
 

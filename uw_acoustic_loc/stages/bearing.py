@@ -31,6 +31,11 @@ class BearingStage(Stage):
         self._cloud_ns = [0] * len(config.source_ids)
 
     @property
+    def config(self) -> BearingConfig:
+        """The parameters as they are now."""
+        return self._config
+
+    @property
     def inputs(self) -> tuple[Input, ...]:
         return (
             _INFO.input(self._on_info, frame="hydrophone_array"),

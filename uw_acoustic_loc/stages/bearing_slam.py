@@ -31,7 +31,6 @@ class BearingSlamStage(Stage):
     def __init__(self, config: SlamConfig) -> None:
         self._passes = SlamPasses(config)
         self._told_ns: dict[str, int] = {}
-        self._restarts = 0
 
     @property
     def _slam(self) -> Slam:
@@ -57,7 +56,7 @@ class BearingSlamStage(Stage):
         slam = self._slam
         values: dict[str, float | int | str] = {"dvl.used": slam.dvl.used, "dvl.unused": slam.dvl.unused}
         values["dvl.uninformative"] = slam.dvl.uninformative
-        values |= {"restarts": self._restarts, "imu.ahead": slam.imu_ahead, "relocations": slam.relocations}
+        values |= {"imu.ahead": slam.imu_ahead, "relocations": slam.relocations}
         values |= {"imu.gaps": slam.imu_gaps, "imu.age_s": slam.imu_age, "dvl.age_s": slam.dvl_age}
         values["position_std_m"] = math.sqrt(slam.joint.cov[0, 0] + slam.joint.cov[1, 1])
         values["yaw_std_rad"] = math.sqrt(slam.joint.cov[YAW, YAW])
@@ -98,9 +97,6 @@ class BearingSlamStage(Stage):
         self._passes.change(config)
 
     def _on_imu(self, imu: Imu) -> Iterator[Emission]:
-        """Stamps that stay far ahead are a clock set forward: where the vehicle has gone since, nothing tells."""
-        if self._slam.imu_ahead == _SET_FORWARD:
-            self._passes, self._restarts = SlamPasses(self._slam.config), self._restarts + 1
         self._passes.take(imu)
         if self._due(_ODOMETRY.name, imu.t_ns, _ODOMETRY_PERIOD_NS):
             yield _ODOMETRY.name, _odometry(imu.t_ns, self._slam)
@@ -148,6 +144,5 @@ def _twist_cov(slam: Slam) -> Array:
 
 
 _DVL_TIMEOUT = 2.0  # s
-_SET_FORWARD = 3  # IMU stamps in a row
 _ODOMETRY_PERIOD_NS = 100_000_000
 _POSITION_PERIOD_NS = 500_000_000

@@ -7,6 +7,7 @@ executable `package/bearing`, as ROS 2 writes it. A class is imported only when 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import cast
@@ -53,10 +54,13 @@ def stage_class(executable: str) -> type[Stage]:
     entry = STAGES.get(executable) or other_stages()[executable]
     try:
         found = entry.load()
-    except (ImportError, AttributeError) as error:
+    except Exception as error:  # whatever another package's code fails with
         raise ValueError(f"stage {executable}: {entry.value} cannot be imported ({error})") from error
-    if missing := [name for name in _PARTS if not hasattr(found, name)]:
+    missing = [name for name in _PARTS if not hasattr(found, name)] + sorted(getattr(found, "__abstractmethods__", ()))
+    if missing:
         raise ValueError(f"stage {executable}: {entry.value} must be a contract.Stage, it has no {', '.join(missing)}")
+    if not is_dataclass(found.Config):
+        raise ValueError(f"stage {executable}: Config of {entry.value} must be a dataclass, got {found.Config!r}")
     return cast("type[Stage]", found)
 
 

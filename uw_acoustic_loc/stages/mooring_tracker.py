@@ -11,7 +11,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
-from ..core.mooring.estimator import MooringConfig, MooringEstimate, ParticleMooring, make_filter, step_of
+from ..core.mooring.estimator import (
+    KalmanMooring,
+    MooringConfig,
+    MooringEstimate,
+    ParticleMooring,
+    make_filter,
+    step_of,
+)
 from ..core.mooring.noise_learning import LearntNoise
 from ..core.types import Array, Odometry, Point
 from ..topics import known
@@ -32,10 +39,8 @@ class MooringTrackerStage(Stage):
 
     def __init__(self, config: MooringConfig) -> None:
         self._config = config
-        self._filters = {
-            name: make_filter(config, np.random.default_rng([config.seed, k]))
-            for k, name in enumerate(config.mooring_ids)
-        }
+        self._filters = {name: self._begun(name) for name in config.mooring_ids}
+        self._restarts: Counter[str] = Counter()
         self._t_ns: dict[str, int] = {}
         self._values: dict[str, float | int | str] = {}
         self._gated: Counter[str] = Counter()
@@ -51,6 +56,7 @@ class MooringTrackerStage(Stage):
     def status(self) -> Status:
         silent = [name for name in self._filters if name not in self._t_ns]
         values = self._values | {f"{name}.gated": count for name, count in self._gated.items()}
+        values |= {f"{name}.restarts": count for name, count in self._restarts.items()}
         if silent:
             return Status(Status.WARN, f"no offset yet of {', '.join(silent)}", values)
         return Status(Status.OK, "running", values)
@@ -72,8 +78,21 @@ class MooringTrackerStage(Stage):
             mooring.predict(step_of(self._config, dt))
         estimate = mooring.update(np.array([offset]))
         self._t_ns[name] = t_ns
+        mean, cov = estimate.mean[:, 0], estimate.cov[:, :, 0]
+        if not (abs(mean[0]) <= self._config.max_offset and np.isfinite(cov).all() and min(cov[0, 0], cov[1, 1]) >= 0):
+            self._filters[name] = self._begun(name)
+            self._restarts[name] += 1
+            raise ValueError(
+                f"offset of mooring {name} must keep its filter within max_offset {self._config.max_offset:g} m, "
+                f"{offset:g} m put it at {mean[0]:g} m: it restarts"
+            )
         self._note(name, offset, estimate)
-        yield _ODOMETRY.named(name), _odometry(t_ns, name, estimate.mean[:, 0], estimate.cov[:, :, 0])
+        yield _ODOMETRY.named(name), _odometry(t_ns, name, mean, cov)
+
+    def _begun(self, name: str) -> KalmanMooring | ParticleMooring:
+        return make_filter(
+            self._config, np.random.default_rng([self._config.seed, self._config.mooring_ids.index(name)])
+        )
 
     def _note(self, name: str, offset: float, estimate: MooringEstimate) -> None:
         self._gated[name] += int(estimate.rejected[0])

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..config import param
 from ..contract import Emission, Input, Stage, Status
-from .inputs.latched import Latched
+from .inputs.latched import Latched, alike
 from .inputs.placing import Placing
 from .inputs.plausibility import Plausibility
 from .inputs.settings import Frames, InputConfig, restamped
@@ -37,7 +37,7 @@ class Refusal:
 class Runner:
     """One stage with its inputs in order. `make_stage` builds it anew when the clock is set back.
 
-    `counts` has per topic what was received, used, published, repeated (latched inputs), and not used, by why
+    `counts` has per topic what was received, used, published, repeated, and not used, by why
     (`REFUSED`); `tell` is called with each Refusal. `inputs` has what is set of an input, by topic.
     """
 
@@ -63,6 +63,8 @@ class Runner:
         self._watch = StampWatch(self._inputs, self._sequencer, lateness)
         self._latched = Latched({i.topic: i.merge for i in self.stage.inputs if i.latched})
         self._held: deque[tuple[str, Any]] = deque()
+        kept = {i.topic: _RECENT if i.rewind else 1 for i in self._inputs.values()}
+        self._recent: dict[str, deque[Any]] = {topic: deque(maxlen=count) for topic, count in kept.items()}
         self._waiting = bool(self.missing)
 
     @property
@@ -107,6 +109,9 @@ class Runner:
         value = restamped(value, self._offsets_ns[topic])
         if self._inputs[topic].latched:
             return self._latch(topic, value)
+        if self._repeated(topic, value):
+            self.counts[topic, "repeated"] += 1
+            return []
         if not self._waiting:
             return self._stream(topic, value)
         self._hold(topic, value)
@@ -130,6 +135,14 @@ class Runner:
         while self._held and not self._waiting:
             emissions += self._stream(*self._held.popleft())
         return emissions
+
+    def _repeated(self, topic: str, value: Any) -> bool:
+        """Whether a stream has said just this before, with this stamp."""
+        recent = self._recent[topic]
+        if any(value.t_ns == other.t_ns and alike(other, value) for other in recent):
+            return True
+        recent.append(value)
+        return False
 
     def _stream(self, topic: str, value: Any) -> list[Emission]:
         emissions = self._handle_all(self._sequencer.push(topic, _turn_ns(self._inputs[topic], value), value))
@@ -201,6 +214,7 @@ class Runner:
 # had been handled; with a stamp off the topic's course; held too long while a latched input was missing.
 REFUSED = ("rejected", "malformed", "late", "stray", "overflowed")
 _SENTENCES = 4  # about the inputs in one status
+_RECENT = 32  # messages of an input that is gone back for, among which a repeated one is looked for
 _HELD = 1000  # messages kept while a latched input is missing
 
 

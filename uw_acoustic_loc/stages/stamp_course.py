@@ -82,8 +82,10 @@ class Course:
 
     @property
     def interval_ns(self) -> int:
-        """Between two messages, as a rule; a second before that is known."""
-        return round(median(self._intervals)) if len(self._intervals) >= _KNOWN else _UNKNOWN_NS
+        """Between two messages, as a rule; the longest so far, or a second, before that is known."""
+        if len(self._intervals) >= _KNOWN:
+            return round(median(self._intervals))
+        return max(_UNKNOWN_NS, *self._intervals, 0)
 
     def goes_on(self, t_ns: int) -> bool:
         """Whether a stamp follows the last one; the first one always does."""

@@ -13,9 +13,9 @@ from uw_acoustic_loc.core.localizer.triangulation import PlanarFix
 from uw_acoustic_loc.core.slam.gap import bridge, integrated_variance
 from uw_acoustic_loc.core.slam.inertial import SIZE, YAW
 from uw_acoustic_loc.core.slam.joint import Joint
-from uw_acoustic_loc.core.slam.landmark import Pose
+from uw_acoustic_loc.core.slam.lines import Pose
 from uw_acoustic_loc.core.slam.relinearise import SlamPasses
-from uw_acoustic_loc.core.slam.relocation import Relocation, Sighting, place
+from uw_acoustic_loc.core.slam.relocation import Relocation, SeenPinger, place
 from uw_acoustic_loc.sim.scenario import Scenario, Vehicle, Waypoint
 from uw_acoustic_loc.sim.trajectory import Trajectory
 
@@ -73,7 +73,7 @@ class Lost:
             for k, slot in enumerate(slots):
                 bearing = math.atan2(self.true[k, 1] - y, self.true[k, 0] - x) - yaw + rng.normal(0, std)
                 images = (wrap_angle(bearing), wrap_angle(-bearing))[: 1 + mirror]
-                relocation.hear(Sighting(raw, np.zeros(2), images, std**2, slot))
+                relocation.hear(SeenPinger(raw, np.zeros(2), images, std**2, slot))
                 self.found = relocation.solve(self.joint)
                 if self.found is not None:
                     place(self.joint, self.found)

@@ -170,6 +170,34 @@ def test_a_correction_is_the_textbooks_and_leaves_the_covariance_symmetric():
         np.testing.assert_allclose(joint.cov, joint.cov.T, rtol=0, atol=1e-15)  # BLAS rounds at the edges of its blocks
 
 
+def test_learning_from_least_squares_is_adding_its_information():
+    rng, states = np.random.default_rng(9), [11, 12, 13]
+    joint = Joint(rng.normal(size=SIZE), np.full(SIZE, 0.5))
+    joint.cov += 0.1 * np.ones((SIZE, SIZE))
+    root, pull = rng.normal(size=(3, 3)), rng.normal(size=3)
+    H = np.eye(SIZE)[states]
+    cov = np.linalg.inv(np.linalg.inv(joint.cov) + H.T @ root @ root.T @ H)
+    mean = joint.mean - cov @ H.T @ pull
+    joint.learn(states, root @ root.T, pull)
+    np.testing.assert_allclose(joint.cov, cov, atol=1e-12)
+    np.testing.assert_allclose(joint.mean, mean, atol=1e-12)
+
+
+SLOW = Vehicle(tuple(Waypoint(*p) for p in ((0, 0), (25, 0), (25, 18), (2, 18))), speed=0.2, gyro_bias_std=0.005)
+SLOW_PINGERS = {"a": (10.0, 9.0), "b": (18.0, 6.0)}
+
+
+def test_a_slow_vehicle_with_a_bad_gyro_starts_its_pingers():
+    """5 mrad/s of bias at 0.2 m/s; NEES / 2 within four times its mean's spread over what few runs can tell."""
+    std, nees = math.radians(1.5), []
+    for seed in range(3):
+        scenario = Scenario(vehicle=replace(SLOW, turn_radius=2.0), seed=seed, duration=100.0)
+        passes = SlamPasses(config(bearing_std=std, source_ids=tuple(SLOW_PINGERS), gyro_bias_std=0.005))
+        feed(passes, measurements(scenario, std, SLOW_PINGERS))
+        nees += [value for _, value in errors(passes.slam, scenario, SLOW_PINGERS).values()]
+    assert np.mean(nees) < 1 + 4 / math.sqrt(3) and max(nees) < 13.8
+
+
 def nees_after_a_quick_pass(seed: int) -> float:
     """15 bearings of 5 degrees on a known track, past a pinger at 1.2 m that is known to 2 m along and 0.2 m across."""
     rng, at, spread = np.random.default_rng([41, seed]), np.array([0.0, 1.2]), np.array([2.0, 0.2])

@@ -50,12 +50,15 @@ def test_bad_rows_are_counted_by_reason_and_the_others_kept() -> None:
     epoch, refused = screen(arrivals, net())
     assert epoch.time.tolist() == [0.2]
     assert refused == {
-        "not_finite": 2,
+        "not_finite": 1,
         "negative_time": 1,
         "unknown_receiver": 1,
-        "std_not_positive": 1,
+        "no_information": 2,  # neither the rows nor the caller say how well these times are known
         "path_not_modelled": 2,
     }
+    given, refused = screen(arrivals, net(), std=0.02)
+    assert given.std == pytest.approx([1e-3, 0.02, 0.02])
+    assert refused["std_not_given"] == 2
 
 
 def test_without_a_prediction_the_earliest_is_direct() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...core.types import AnyArray, HydrophoneInfo, Samples
+from ...graph import check_topics
 from ...wire.codec import codec
 from ..rosbags_messages import encode
 from ..writer import BagWriter
@@ -18,6 +19,7 @@ from .files import Sound, first_bad_sample, open_sound
 from .timeline import Segment, timeline
 
 _COUNTS = 32767
+LAST_S = 1 << 31  # of ROS's stamps, in Unix time
 
 
 @dataclass(frozen=True)
@@ -38,8 +40,8 @@ class WavSetup:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{name.replace('_', '-')} must be positive and finite, got {value!r}")
-        if self.start_ns < 0:
-            raise ValueError(f"start must be after 1970-01-01, got {self.start_ns * 1e-9!r} s")
+        if not 0 <= self.start_ns < LAST_S * 10**9:
+            raise ValueError(f"start must be after 1970-01-01 and before 2038-01-19, got {self.start_ns * 1e-9!r} s")
         if len(self.channels) != 2 or self.channels[0] == self.channels[1] or min(self.channels) < 0:
             raise ValueError(f"channels must be two different numbers from 0, got {list(self.channels)}")
 
@@ -83,18 +85,31 @@ def _convert(
     if size < 1:
         raise ValueError(f"frame must be at least one sample of {1 / first.rate:g} s, got {setup.frame:g} s")
     segments, sentences = timeline(tracks[0], setup.start_ns, setup.time_format)
+    _check_instants(segments)
     for sentence in sentences:
         note(sentence)
     info = HydrophoneInfo(
         segments[0].start_ns, float(first.rate), setup.spacing, setup.sound_speed, setup.full_scale / _COUNTS
     )
     prefix = f"/{setup.namespace.strip('/')}" if setup.namespace.strip("/") else ""
+    check_topics([f"{prefix}/hydrophones/info"], f"namespace '{setup.namespace}'")
     about = {"made_by": "convert-wav", "input": ", ".join(sound.path.name for track in tracks for sound in track)}
     with BagWriter(out, about) as writer:
         _write(writer, f"{prefix}/hydrophones/info", info, segments[0].start_ns, latched=True)
         for frame, end_ns in _frames(segments, tracks[1:], pair, size, setup.full_scale):
             _write(writer, f"{prefix}/hydrophones/samples", frame, end_ns)
         return writer.counts
+
+
+def _check_instants(segments: list[Segment]) -> None:
+    """Stamps of ROS are seconds of 32 bits."""
+    for segment in segments:
+        start, end = segment.start_ns * 1e-9, segment.start_ns * 1e-9 + segment.duration
+        if not 0 < start < end < LAST_S:
+            raise ValueError(
+                f"{segment.sounds[0].path} must begin after 1970-01-01 and end before 2038-01-19,"
+                f" it is from {start:.0f} s to {end:.0f} s of Unix time"
+            )
 
 
 def _frames(
@@ -136,7 +151,8 @@ def _pressure(samples: AnyArray, full_scale: float) -> AnyArray:
 def _checked(path: Path, channels: list[int]) -> Sound:
     sound = open_sound(path)
     if max(channels) >= sound.channels:
-        raise ValueError(f"{path} must have channels {channels}, it has {sound.channels}, counted from 0")
+        hint = "; give two files of one channel each as --channels AFT,FORE" if sound.channels == 1 else ""
+        raise ValueError(f"{path} must have channels {channels}, counted from 0, it has {sound.channels}{hint}")
     if (bad := first_bad_sample(sound, channels)) is not None:
         raise ValueError(f"{path} must have finite samples, sample {bad} is not")
     return sound

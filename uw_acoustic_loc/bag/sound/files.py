@@ -30,6 +30,7 @@ _SUBTYPES = {
     (3, 32): "FLOAT",
     (3, 64): "DOUBLE",
 }
+_LONGEST = 1 << 62  # samples; libsndfile's word for an unknown length is beyond
 _NAMES = set(string.printable.encode())
 
 
@@ -93,9 +94,11 @@ def open_sound(path: Path) -> Sound:
                 found = Sound(path, sound.samplerate, sound.channels, sound.frames, sound.subtype, tuple(notes), raw)
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (soundfile.LibsndfileError, TypeError) as error:
+    except (soundfile.LibsndfileError, TypeError, OverflowError) as error:
         words = error.error_string if isinstance(error, soundfile.LibsndfileError) else "its header makes no sense"
         raise ValueError(f"{path} is not a sound file that can be read: {words}") from None
+    if found.length > _LONGEST:
+        raise ValueError(f"{path} has no length in its header, as of a stream: make a WAV file of it first")
     if found.rate <= 0 or found.length <= 0:
         raise ValueError(f"{path} must have samples and a positive rate, got {found.length} at {found.rate} Hz")
     return found
@@ -114,7 +117,7 @@ def first_bad_sample(sound: Sound, channels: list[int]) -> int | None:
 
 def _opened(stream: BinaryIO, raw: _Raw | None) -> soundfile.SoundFile:
     if raw is None:
-        return soundfile.SoundFile(stream)
+        return soundfile.SoundFile(_Part(stream, 0, stream.seek(0, 2)))
     part = _Part(stream, raw.begin, raw.size)
     options = {"samplerate": raw.rate, "channels": raw.channels, "subtype": raw.subtype, "endian": "LITTLE"}
     return soundfile.SoundFile(part, format="RAW", **options)
@@ -193,7 +196,7 @@ class _Part(io.RawIOBase):
         return True
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        self._at = offset + {0: 0, 1: self._at, 2: self._size}[whence]
+        self._at = max(0, offset + {0: 0, 1: self._at, 2: self._size}[whence])  # before it where a header is damaged
         return self._at
 
     def tell(self) -> int:

@@ -26,10 +26,13 @@ def start_of(path: Path, time_format: str = "") -> int | None:
     Times are UTC unless they have a zone. `time_format` is one of strptime's for the whole name without suffix.
 
     Raises:
-        ValueError: the name does not fit `time_format`.
+        ValueError: the name does not fit `time_format`, or that is none.
     """
     if time_format:
-        return _ns(_utc(datetime.strptime(path.stem, time_format)))
+        try:
+            return _ns(_utc(datetime.strptime(path.stem, time_format)))
+        except ValueError as error:
+            raise ValueError(f"the name of {path} must fit --time-format: {error}") from None
     return _by_name(path.name) or _by_content(path)
 
 

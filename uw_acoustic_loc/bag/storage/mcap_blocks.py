@@ -21,7 +21,7 @@ _LAST_OPCODE = max(Opcode)
 
 
 @dataclass(frozen=True)
-class Block:
+class McapBlock:
     """A chunk, or a run of messages outside of chunks: bytes [begin, end) of the file."""
 
     begin: int
@@ -46,14 +46,14 @@ def known(opcode: int) -> bool:
     return 0 < opcode <= _LAST_OPCODE or opcode >= 0x80
 
 
-def append(blocks: list[Block], block: Block) -> None:
+def append(blocks: list[McapBlock], block: McapBlock) -> None:
     """Appends a block; messages outside of chunks make one, up to a size."""
     last = blocks[-1] if blocks else None
     if last is None or last.chunk or block.chunk or last.end != block.begin or block.end - last.begin > _RUN:
         blocks.append(block)
     else:
         first_ns, last_ns = min(last.first_ns, block.first_ns), max(last.last_ns, block.last_ns)
-        blocks[-1] = Block(last.begin, block.end, first_ns, last_ns, chunk=False)
+        blocks[-1] = McapBlock(last.begin, block.end, first_ns, last_ns, chunk=False)
 
 
 def times(stream: IO[bytes], opcode: int, begin: int) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 
-from .mcap_blocks import HEAD, Block, append, bytes_at, known, payload_of, split, times
+from .mcap_blocks import HEAD, McapBlock, append, bytes_at, known, payload_of, split, times
 from .stored import Damage, Definition, Record, Topic, full_type, is_latched, unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -101,13 +101,13 @@ class McapFile:
         for t_ns, channel, data in messages:
             topic = self._topics[channel]
             try:
-                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition)
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition, topic.encoding)
             except ValueError as error:
                 self._damage.note(f"log time {t_ns} ns", f"{topic.name}: {error}")
 
     # --- where the blocks are ---
 
-    def _indexed(self, stream: IO[bytes]) -> list[Block]:
+    def _indexed(self, stream: IO[bytes]) -> list[McapBlock]:
         """Finds the blocks by the summary; none when there is no whole one."""
         tail = bytes_at(stream, max(self._size - _TAIL, 0), _TAIL)
         if not tail.endswith(MAGIC) or not tail.startswith(HEAD.pack(Opcode.FOOTER, 20)):
@@ -131,7 +131,7 @@ class McapFile:
             self._damage.note(f"byte {begin}", f"the summary cannot be read ({_words(error)})")
             return []
 
-    def _summarized(self, stream: IO[bytes], summary: bytes) -> list[Block]:
+    def _summarized(self, stream: IO[bytes], summary: bytes) -> list[McapBlock]:
         blocks = []
         for opcode, begin, end in split(summary):
             content = ReadDataStream(BytesIO(summary[begin:end]))
@@ -140,7 +140,7 @@ class McapFile:
                 at, length = index.chunk_start_offset, index.chunk_length
                 if at < len(MAGIC) or at + length > self._size:
                     raise ValueError(f"a chunk of {length} bytes at byte {at} lies outside of the file")
-                blocks.append(Block(at, at + length, index.message_start_time, index.message_end_time, chunk=True))
+                blocks.append(McapBlock(at, at + length, index.message_start_time, index.message_end_time, chunk=True))
             elif opcode == Opcode.METADATA_INDEX:
                 place = MetadataIndex.read(content)
                 self._learn(Opcode.METADATA, bytes_at(stream, place.offset, place.length)[HEAD.size :])
@@ -150,9 +150,9 @@ class McapFile:
                 self._learn(opcode, summary[begin:end])
         return blocks
 
-    def _walked(self, stream: IO[bytes]) -> list[Block]:
+    def _walked(self, stream: IO[bytes]) -> list[McapBlock]:
         """Finds the blocks by going from record to record."""
-        blocks: list[Block] = []
+        blocks: list[McapBlock] = []
         at = len(MAGIC)
         while True:
             head = bytes_at(stream, at, HEAD.size)
@@ -163,11 +163,13 @@ class McapFile:
                 return blocks
             if not known(opcode) or end > self._size:
                 self._damage.note(f"byte {min(at, self._size)}", self._end_of_walk(at, opcode))
+                if blocks and not blocks[-1].chunk and any(block.chunk for block in blocks):
+                    blocks.pop()  # no writer mixes: what looked like messages was the inside of a damaged chunk
                 if opcode == Opcode.CHUNK:
-                    blocks.append(Block(at, self._size, *times(stream, opcode, begin), chunk=True, cut=True))
+                    blocks.append(McapBlock(at, self._size, *times(stream, opcode, begin), chunk=True, cut=True))
                 return blocks
             if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
-                append(blocks, Block(at, end, *times(stream, opcode, begin), chunk=opcode == Opcode.CHUNK))
+                append(blocks, McapBlock(at, end, *times(stream, opcode, begin), chunk=opcode == Opcode.CHUNK))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA):
                 self._learn_or_note(at, opcode, bytes_at(stream, begin, length))
             at = end
@@ -199,7 +201,7 @@ class McapFile:
 
     # --- what is in them ---
 
-    def _parse(self, stream: IO[bytes], block: Block) -> list[_Message]:
+    def _parse(self, stream: IO[bytes], block: McapBlock) -> list[_Message]:
         """Returns the messages of a block, as far as it can be read."""
         found: list[_Message] = []
         try:
@@ -214,9 +216,15 @@ class McapFile:
                     found.append((t_ns, channel, payload[begin + _MESSAGE.size : end]))
                 else:
                     self._learn(opcode, payload[begin:end])
+            self._check_times(block, [t_ns for t_ns, *_ in found])
         except _BROKEN as error:
             self._damage.note(f"byte {block.begin}", _words(error))
         return found
+
+    def _check_times(self, block: McapBlock, times_ns: list[int]) -> None:
+        """Notes times beyond those that a chunk claims: messages then come in another order than that of the times."""
+        if times_ns and not block.first_ns <= min(times_ns) <= max(times_ns) <= block.last_ns:
+            self._damage.note(f"byte {block.begin}", "a chunk has messages of other times than it claims")
 
     def _learn_or_note(self, at: int, opcode: int, content: bytes) -> None:
         try:

@@ -69,9 +69,11 @@ class SqliteFile:
         topic = self._topics.get(topic_id)
         if topic is None or not isinstance(t_ns, int) or not isinstance(data, bytes):
             self._damage.note(f"message {number}", "it has no topic, time or content that can be read")
+        elif t_ns < 0:
+            self._damage.note(f"message {number}", f"its log time of {t_ns} ns lies before 1970")
         elif topics is None or topic.name in topics:
             try:
-                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition)
+                yield Record(topic.name, topic.msgtype, t_ns, unpacked(data), topic.definition, topic.encoding)
             except ValueError as error:
                 self._damage.note(f"message {number}", f"{topic.name}: {error}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -34,6 +34,7 @@ class Record(NamedTuple):
     t_ns: int  # log time
     data: bytes
     definition: Definition = NO_DEFINITION
+    encoding: str = "cdr"
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,17 @@ def full_type(name: str) -> str:
 def is_latched(qos: str) -> bool:
     """Returns whether QoS profiles in YAML are transient-local: by name in new bags, as 1 in old ones."""
     try:
-        profiles = yaml.safe_load(qos) or []
-        return any(profile.get("durability") in ("transient_local", 1) for profile in profiles)
-    except (yaml.YAMLError, AttributeError, TypeError):
+        return any(profile.get("durability") in ("transient_local", 1) for profile in qos_profiles(qos) or [])
+    except (AttributeError, TypeError):
         return False
+
+
+def qos_profiles(qos: str) -> Any:
+    """The profiles, or the text itself where it is no YAML."""
+    try:
+        return yaml.safe_load(qos)
+    except (yaml.YAMLError, ValueError, RecursionError):  # dates of no calendar, numbers of thousands of digits
+        return qos
 
 
 def unpacked(data: bytes) -> bytes:

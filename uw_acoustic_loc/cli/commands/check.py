@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..console import wide
+from ..bag_and_graph import add_msg_path, given_definitions
+from ..console import complain, wide
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,13 +25,14 @@ def add(parser: ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("expected", type=Path, metavar="EXPECTED.yaml")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_msg_path(parser)
 
 
 def run(options: Namespace) -> int:
     """Prints what was checked, and one sentence per violation on stderr; exit code 1 when there is one."""
     from ...evaluation.check import checked, load_expected
 
-    checks = list(checked(options.bag, load_expected(options.expected)))
+    checks = list(checked(options.bag, load_expected(options.expected), given_definitions(options)))
     failed = [one for one in checks if not one.passed]
     if options.json:
         listed = [{"what": c.what, "expected": c.expected, "found": c.found, "passed": c.passed} for c in checks]
@@ -40,7 +41,7 @@ def run(options: Namespace) -> int:
         columns = [[c.what for c in checks], [c.expected for c in checks], [c.found for c in checks]]
         wide(sum(max(map(len, column), default=0) for column in columns) + 20).print(_table(checks))
     for one in failed:
-        print(f"uwloc: {options.bag}: {one.sentence}", file=sys.stderr)
+        complain(f"{options.bag}: {one.sentence}")
     return 1 if failed else 0
 
 

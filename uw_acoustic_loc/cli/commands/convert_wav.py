@@ -3,11 +3,10 @@
 
 from __future__ import annotations
 
-import math
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import STDERR
+from ..console import say
 
 HELP = "sound files of two hydrophones (WAV, FLAC, ...) into a bag for the bearing node"
 
@@ -38,24 +37,32 @@ def run(options: Namespace) -> int:
     files = _mono_files(o.channels)
     if bool(o.wav) == bool(files):
         raise ValueError("convert-wav must have either sound files, or --channels with two files, not both")
-    full_scale = o.full_scale if o.calibration is None else 10 ** (o.calibration / 20) * 1e-6
+    full_scale = o.full_scale if o.calibration is None else _pressure(o.calibration)
     channels = (0, 1) if files else _pair(o.channels)
     setup = WavSetup(o.spacing, o.sound_speed, full_scale, _ns(o.start), o.frame, o.namespace, channels, o.time_format)
-    note = lambda sentence: STDERR.print(f"note: {sentence}", markup=False, soft_wrap=True)  # noqa: E731
+    note = lambda sentence: say(f"note: {sentence}")  # noqa: E731
     counts = convert_mono(files, o.output, setup, note) if files else convert_wav(o.wav, o.output, setup, note)
-    STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {o.output}")
+    say(f"{sum(counts.values())} messages on {len(counts)} topics in {o.output}")
     return 0
+
+
+def _pressure(level_db: float) -> float:
+    """Pa of a level re 1 uPa."""
+    if not abs(level_db) <= _LOUDEST_DB:
+        raise ValueError(f"calibration must be from {-_LOUDEST_DB:g} to {_LOUDEST_DB:g} dB re 1 uPa, got {level_db!r}")
+    return float(10 ** (level_db / 20) * 1e-6)
 
 
 def _ns(start: float | None) -> int:
     if start is None:
         return 0
-    if not (math.isfinite(start) and 0 < start < _LAST_S):
-        raise ValueError(f"start must be after 1970-01-01 and before 2262, got {start!r} s")
+    if not 0 < start < _LAST_S:
+        raise ValueError(f"start must be after 1970-01-01 and before 2038-01-19, got {start!r} s")
     return round(start * 1e9)
 
 
-_LAST_S = (1 << 63) / 1e9  # of a clock of ROS
+_LAST_S = 1 << 31  # of ROS's stamps, in Unix time
+_LOUDEST_DB = 300.0
 
 
 def _mono_files(text: str) -> tuple[Path, Path] | None:

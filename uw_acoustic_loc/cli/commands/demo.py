@@ -9,7 +9,7 @@ import time
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import STDERR
+from ..console import say
 from .launch import launch_graph
 from .score import print_score
 
@@ -45,7 +45,7 @@ def run(options: Namespace) -> int:
     write_report(recording, scored, folder / "report.html")
     (folder / "score.json").write_text(json.dumps(scored, indent=2))
     print_score(scored, options.json)
-    STDERR.print(f"bag {folder / 'bag'}, report {folder / 'report.html'}, {time.monotonic() - begun:.0f} s in all")
+    say(f"bag {folder / 'bag'}, report {folder / 'report.html'}, {time.monotonic() - begun:.0f} s in all")
     return code
 
 

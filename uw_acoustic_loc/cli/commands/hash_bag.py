@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from ..bag_and_graph import add_msg_path, read_bag
-from ..console import STDERR, damage_code
+from ..console import damage_code, harmless, say
 
 HELP = "a hash per topic of a bag's messages, whatever program wrote them"
 
@@ -31,9 +31,9 @@ def run(options: Namespace) -> int:
         print(json.dumps({"topics": topics, "all": overall(found)}, indent=2))
     else:
         for topic, one in found.items():
-            print(f"{one.digest}  {one.count:7d}  {topic}")
+            print(f"{one.digest}  {one.count:7d}  {harmless(topic)}")
         print(f"{overall(found)}  {sum(one.count for one in found.values()):7d}  all")
     for topic, one in found.items():
         if one.raw:
-            STDERR.print(f"note: {one.raw} messages on {topic} cannot be decoded: their bytes are hashed as they are")
+            say(f"note: {one.raw} messages on {topic} cannot be decoded: their bytes are hashed as they are")
     return damage_code(bag.damage)

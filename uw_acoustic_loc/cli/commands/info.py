@@ -34,7 +34,9 @@ def run(options: Namespace) -> int:
     if options.json:
         print(json.dumps(as_json(bag, found, estimators), indent=2))
     else:
-        widest = max((len(name) + len(topic.msgtype) for name, topic in found.topics.items()), default=0)
+        widest = sum(
+            max(map(len, names), default=0) for names in (found.topics, [t.msgtype for t in found.topics.values()])
+        )
         console = wide(widest + 40)
         for part in parts(bag, found, estimators):
             console.print(part, soft_wrap=isinstance(part, Text))

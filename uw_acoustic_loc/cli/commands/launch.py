@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import NodeLog, progress
+from ..console import NodeLog, importing, progress
 
 HELP = "start the nodes of a graph, one process each"
 
@@ -28,8 +28,9 @@ def launch_graph(graph: Path, record: Path | None, duration: float, bag_is_vital
 
     When the recorder fails the run goes on, unless the bag is what it is made for.
     """
-    from ...graph import load_graph
-    from ...ros.orchestrator.launcher import Launcher, LaunchOptions
+    with importing():
+        from ...graph import load_graph
+        from ...ros.orchestrator.launcher import Launcher, LaunchOptions
 
     with progress("launch", duration) as bar:
         options = LaunchOptions(record, bag_is_vital, duration, progress=bar if duration else None)

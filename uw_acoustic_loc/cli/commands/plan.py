@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import STDERR
+from ..console import say
 
 HELP = "maps of the accuracy that a scenario's nets can reach"
 
@@ -25,5 +25,5 @@ def run(options: Namespace) -> int:
     from ...sim.scenario import load_scenario
 
     scenario = load_scenario(options.scenario)
-    STDERR.print(f"{write_maps(scenario, str(options.scenario), options.output)}")
+    say(f"{write_maps(scenario, str(options.scenario), options.output)}")
     return 0

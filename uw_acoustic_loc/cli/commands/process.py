@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bag_and_graph import add_bag_and_graph, open_bag
-from ..console import STDERR, damage_code, progress
+from ..console import damage_code, progress, say
 
 if TYPE_CHECKING:
     from ...stages.runner import Refusal
@@ -42,27 +42,27 @@ def _process_one(path: Path, options: Namespace) -> int:
     from ...graph import load_graph
 
     bag = open_bag(path, options)
-    refusals = _Refusals()
+    refusals = Refusals()
     run = OfflineRun(bag, load_graph(options.graph), refusals)
     for node in run.left_out:
-        STDERR.print(f"note: {node.full_name} is left out: {node.executable} is no estimator that is installed here")
+        say(f"note: {node.full_name} is left out: {node.executable} is no estimator that is installed here")
     for topic in run.missing:
-        STDERR.print(f"note: the bag has no {topic}")
+        say(f"note: the bag has no {topic}")
     begun = time.monotonic()
     first, last = bag.span()
     with progress("process", (last - first) * 1e-9) as bar:
         counts = run.run(options.output, options.keep_inputs, lambda t_ns: bar((t_ns - first) * 1e-9))
     seconds = time.monotonic() - begun
     speed = (last - first) * 1e-9 / max(seconds, 1e-9)
-    STDERR.print(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
+    say(f"{sum(counts.values())} messages in {options.output}, {speed:.0f}x real time")
     refusals.summary()
     idle = [f"{name} {why}" for name, runner in run.pipeline.runners.items() if (why := runner.idle_reason())]
     for sentence in idle:
-        STDERR.print(sentence, markup=False)
+        say(sentence)
     return 1 if idle and not options.allow_unused else damage_code(bag.damage)
 
 
-class _Refusals:
+class Refusals:
     """Prints the first refusal of each kind and counts the rest."""
 
     def __init__(self) -> None:
@@ -72,13 +72,13 @@ class _Refusals:
         key = (node, refusal.topic)
         self._counts[key] = self._counts.get(key, 0) + 1
         if self._counts[key] == 1:
-            STDERR.print(f"{node}: {refusal.topic}: {refusal.sentence}", markup=False)
+            say(f"{node}: {refusal.topic}: {refusal.sentence}")
 
     def summary(self) -> None:
         """Prints how many there were."""
         for (node, topic), count in self._counts.items():
             if count > 1:
-                STDERR.print(f"{node}: {count} messages on {topic} were not used", markup=False)
+                say(f"{node}: {count} messages on {topic} were not used")
 
 
 def _positive(text: str) -> int:

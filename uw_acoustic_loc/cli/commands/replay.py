@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from ..bag_and_graph import add_bag_and_graph, open_bag
-from ..console import STDERR, NodeLog, damage_code, progress
+from ..console import NodeLog, damage_code, importing, progress, say
 
 HELP = "play a bag to a graph's live nodes and record what they publish"
 
@@ -19,12 +19,13 @@ def add(parser: ArgumentParser) -> None:
 
 def run(options: Namespace) -> int:
     """Plays a bag to live nodes, records their outputs, and compares what was sent with what arrived."""
-    import dataclasses
+    with importing():
+        import dataclasses
 
-    from ...bag.reader import Bag
-    from ...graph import load_graph
-    from ...ros.orchestrator.launcher import Launcher, LaunchOptions
-    from ...ros.orchestrator.replay import player_node, replay_deliveries, without_drivers
+        from ...bag.reader import Bag
+        from ...graph import load_graph
+        from ...ros.orchestrator.launcher import Launcher, LaunchOptions
+        from ...ros.orchestrator.replay import player_node, replay_deliveries, without_drivers
 
     bag = open_bag(options.bag, options)
     graph = without_drivers(load_graph(options.graph))
@@ -36,6 +37,6 @@ def run(options: Namespace) -> int:
         code = launcher.run()
     deliveries = replay_deliveries(launcher.reports, bag, Bag(options.output)) if options.output.exists() else []
     for delivery in deliveries:
-        STDERR.print(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}", markup=False, soft_wrap=True)
+        say(f"{'' if delivery.complete else 'LOST '}{delivery.sentence}")
     complete = bool(deliveries) and all(delivery.complete for delivery in deliveries)
     return max(code, int(not complete), damage_code(bag.damage))

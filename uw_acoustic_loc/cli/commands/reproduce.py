@@ -8,7 +8,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..console import STDERR, progress
+from ..console import progress, say
 
 if TYPE_CHECKING:
     from ...studies.outcome import Outcome
@@ -45,7 +45,7 @@ def run(options: Namespace) -> int:
         found = {name: outcome.numbers for name, outcome in outcomes.items()}
         print(json.dumps(found if options.name == "all" else found[options.name], indent=2))
     else:
-        STDERR.print(f"{write_page(outcomes, options.seed, options.output)}")
+        say(f"{write_page(outcomes, options.seed, options.output)}")
     return 0
 
 

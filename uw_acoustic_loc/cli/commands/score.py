@@ -7,7 +7,8 @@ import json
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import damage_code
+from ..bag_and_graph import add_msg_path, given_definitions
+from ..console import SafeConsole, damage_code, say
 
 HELP = "errors of a bag's estimates against its truth"
 
@@ -16,6 +17,7 @@ def add(parser: ArgumentParser) -> None:
     """Declares the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    add_msg_path(parser)
 
 
 def run(options: Namespace) -> int:
@@ -23,18 +25,18 @@ def run(options: Namespace) -> int:
     from ...evaluation.recording import load
     from ...evaluation.score import score
 
-    recording = load(options.bag)
+    recording = load(options.bag, given_definitions(options))
     print_score(score(recording), options.json)
     return damage_code(recording.damage)
 
 
 def print_score(scored: dict[str, object], as_json: bool) -> None:
     """Prints the score on stdout, as JSON or as tables."""
-    from rich.console import Console
-
     from ...evaluation.score import table
 
     if as_json:
         print(json.dumps(scored, indent=2))
+    elif scored:
+        SafeConsole().print(table(scored))
     else:
-        Console().print(table(scored))
+        say("nothing to score: none of the bag's topics has the name of an estimate (docs/contract.md, section 2)")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from ..console import STDERR, progress
+from ..console import progress, say
 
 HELP = "measurements and truth of a scenario straight into a bag"
 
@@ -30,5 +30,5 @@ def run(options: Namespace) -> int:
         scenario = dataclasses.replace(scenario, seed=options.seed)
     with progress("simulate", scenario.duration) as bar:
         counts = simulate(scenario, options.output, lambda t_ns: bar((t_ns - scenario.start_ns) * 1e-9))
-    STDERR.print(f"{sum(counts.values())} messages on {len(counts)} topics in {options.output}")
+    say(f"{sum(counts.values())} messages on {len(counts)} topics in {options.output}")
     return 0

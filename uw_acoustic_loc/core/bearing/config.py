@@ -54,6 +54,7 @@ class ArrayGeometry:
     array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
     array_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="of the array in base_link")
     sound_speed: float = param(0.0, unit="m/s", low=0.0, high=1650.0, doc="0 = from hydrophones/info")
+    spacing_scale: float = param(1.0, low=0.5, high=2.0, doc="true spacing over that of hydrophones/info")
 
     def __post_init__(self) -> None:
         if len(self.array_position) != 3:
@@ -63,6 +64,22 @@ class ArrayGeometry:
     def sides(self) -> tuple[int, ...]:
         """+1 for port, -1 for starboard."""
         return {"port": (1,), "starboard": (-1,), "both": (1, -1)}[self.assumed_side]
+
+
+@dataclass(frozen=True)
+class Electronics:
+    """What the two channels do to the sound between hydrophone and sample; `uwloc calibrate` measures it."""
+
+    delay_offset: float = param(0.0, unit="s", low=-1e-3, high=1e-3, doc="of channel h0 after h1: all TDOAs are larger")
+    invert: str = param("none", choices=("none", "h0", "h1"), doc="the channel that is wired the wrong way round")
+
+    @property
+    def signs(self) -> tuple[int, int]:
+        """Of both channels."""
+        return -1 if self.invert == "h0" else 1, -1 if self.invert == "h1" else 1
+
+
+ALIKE = Electronics()
 
 
 @dataclass(frozen=True)
@@ -101,6 +118,7 @@ class BearingConfig:
     schedule: Schedule = group(Schedule)
     correlation: Correlation = group(Correlation)
     array: ArrayGeometry = group(ArrayGeometry)
+    electronics: Electronics = group(Electronics)
     noise: BearingNoise = group(BearingNoise)
     source: SourcePrior = group(SourcePrior)
     seed: int = param(1, low=0)

@@ -153,7 +153,7 @@ class PingDetector:
                 starts.append(k)
             excess[max(0, k - longest) : k + longest] = -math.inf
         for k in sorted(starts):
-            size = sizes.item(k)
+            size = int(sizes.item(k))
             if not _lasts(block, k, abs(size), size < 0):
                 self.too_short[band] += 1
                 continue

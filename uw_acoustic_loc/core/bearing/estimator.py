@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,7 @@ class BearingEstimator:
 
     def __init__(self, config: BearingConfig, info: HydrophoneInfo) -> None:
         check_info(info)
+        info = replace(info, spacing=info.spacing * config.array.spacing_scale)
         self._config, self._info = config, info
         self._sound_speed = config.array.sound_speed or info.sound_speed
         max_lag = info.spacing / self._sound_speed

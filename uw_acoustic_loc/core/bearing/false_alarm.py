@@ -1,8 +1,8 @@
 """Thresholds that noise alone passes at a chosen rate.
 
-Noise is taken as complex Gaussian in both channels. Both tests are energy detectors (Urkowitz 1967), for the waveform of
-a ping is unknown: one averages the whole band, the other one bin of its spectrum, where it is the matched filter of a
-tone of unknown frequency and phase.
+Noise is taken as complex Gaussian in both channels. Both tests are energy detectors (Urkowitz 1967), for the waveform
+of a ping is unknown: one averages the whole band, the other one bin of its spectrum, where it is the matched filter of
+a tone of unknown frequency and phase.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _STEEPEST = 1e4  # of the tilt of a distribution
 MEAN_LOG = float(psi(2.0))  # of |n0|^2 + |n1|^2 in noise of power 1 per channel
 
 
-def tail(alarms_per_s: float, window: float, tests: int) -> float:
+def tail(alarms_per_s: float, window: float, tests: float) -> float:
     """Probability per window of `window` s, of which `tests` slide through the sound, quantised to powers of two."""
     exact = alarms_per_s * window / (tests * _CLUSTER)
     return min(float(2.0 ** math.floor(math.log2(exact))), 0.01)

@@ -1,8 +1,8 @@
 """The part of a ping that echoes have not reached.
 
-A ping is correlated in windows that all begin with it, each twice as long as the one before. Where an echo comes in, the
-carrier's phase difference between the hydrophones leaves what the shorter windows say, by more than noise explains. How
-much it does so, over many pings, is the echoes' variance in each window; the window is taken whose noise and echoes
+A ping is correlated in windows that all begin with it, each twice as long as the one before. Where an echo comes in,
+the carrier's phase difference between the hydrophones leaves what the shorter windows say, by more than noise explains.
+How much it does so, over many pings, is the echoes' variance in each window; the window is taken whose noise and echoes
 together are least. It is Lepski's rule (Lepski 1990) with a memory.
 """
 
@@ -36,7 +36,7 @@ def gates(pulse: float, max_lag: float) -> tuple[float, ...]:
 class Choice(NamedTuple):
     """The window that says most."""
 
-    index: int
+    number: int  # among the windows, the shortest first
     echo_std: float  # rad of the carrier, by echoes within the window
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from ..types import AnyArray, Array
+from .config import ALIKE, Electronics
 from .weighting import SILENCE, bin_weights
 
 Complex = NDArray[np.complexfloating[Any, Any]]
@@ -43,15 +44,23 @@ class BandSplitter:
     """Splits blocks of up to `length` samples into bands with soft edges: hard ones make a click ring like a ping.
 
     `bands` (B, 2) are their edges, `base` (B,) is the frequency that 0 Hz of an envelope stands for, `noise_width` (B,)
-    the width of white noise in it.
+    the width of white noise in it. What the `electronics` do to the channels is taken back.
 
-    With a `margin` in Hz the soft edges lie outside the bands and are so wide: time is resolved better than in the band.
+    With a `margin` in Hz the soft edges lie outside the bands and are so wide, which resolves time better.
 
     Raises:
         ValueError: a band that is empty or reaches beyond half the sample rate.
     """
 
-    def __init__(self, sample_rate: float, band_low: Array, band_high: Array, length: int, margin: float = 0.0) -> None:
+    def __init__(
+        self,
+        sample_rate: float,
+        band_low: Array,
+        band_high: Array,
+        length: int,
+        margin: float = 0.0,
+        electronics: Electronics = ALIKE,
+    ) -> None:
         for low, high in zip(band_low, band_high, strict=True):
             if not 0 < low < high < sample_rate / 2:
                 raise ValueError(f"band must be 0 < low < high < {sample_rate / 2:g} Hz, got {low:g} to {high:g} Hz")
@@ -78,7 +87,9 @@ class BandSplitter:
         bins = np.where(within, first[:, None] + np.arange(self._count), 0)
         self._bins = np.stack([bins, -bins % self.length], axis=1)
         scale = self._shape * within * (self._count / self.length)
-        self._shape = np.stack([scale, -1j * scale], axis=1).astype(np.complex64)
+        h0, h1 = electronics.signs
+        early = np.exp(2j * np.pi * freq * electronics.delay_offset)
+        self._shape = np.stack([scale * h0 * early, -1j * scale * h1], axis=1).astype(np.complex64)
         self._fade = np.float32(0.5) - np.float32(0.5) * np.cos(np.pi * np.arange(_TAPER, dtype=np.float32) / _TAPER)
 
     def spectrum(self, h0: AnyArray, h1: AnyArray) -> Complex:
@@ -170,7 +181,7 @@ class Correlator:
 
     def _carriers(self) -> AnyArray:
         """(B, L) phasors of each band's first bin over the lags."""
-        return np.exp(1j * self._omega[:, :1].astype(np.float64) * self.lags).astype(np.complex64)
+        return np.asarray(np.exp(1j * self._omega[:, :1].astype(np.float64) * self.lags), np.complex64)
 
     def _values(self, bands: list[int], weighted: Complex) -> AnyArray:
         """(n, L) correlations of weighted cross-spectra (n, bins) over the lags."""

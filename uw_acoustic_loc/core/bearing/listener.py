@@ -63,6 +63,7 @@ class Listener:
         self._max_lag = info.spacing / sound_speed
         self._joiner = FrameJoiner(info.sample_rate, _TAIL * self._pulse + self._max_lag)
         self._timing, self._phase_std = config.timing(sound_speed, self._max_lag), config.noise.phase_std
+        self._electronics = config.electronics
         self._gates = gates(self._pulse, self._max_lag)
         self.detector = PingDetector(
             self._pulse, len(self._bands), config.detection.false_alarm_rate / 3600.0, self._max_lag
@@ -160,12 +161,12 @@ class Listener:
         lengths = (*self._gates, self._pulse)
         overall = found[-1].snr * (1.0 + 2.0 * _GUARD + self._max_lag / self._pulse)
         snr = max(overall, *(part.snr for part in found[:-1]), 1e-30)
-        best = best_window(found, choice.index, lobes)
+        best = best_window(found, choice.number, lobes)
         return Heard(
             source,
             ping.t_ns + round(0.5e9 * abs(best.tdoas[0])),
             best,
-            lengths[choice.index],
+            lengths[choice.number],
             choice.echo_std / (2.0 * math.pi * frequency),
             DB * math.log(snr),
         )
@@ -176,7 +177,7 @@ class Listener:
     def _plan(self) -> None:
         low, high = np.array(self._bands).T
         self._splitter = BandSplitter(self._info.sample_rate, low, high, self._length)
-        self._wide = BandSplitter(self._info.sample_rate, low, high, self._length, _MARGIN)
+        self._wide = BandSplitter(self._info.sample_rate, low, high, self._length, _MARGIN, self._electronics)
         length = math.ceil(((1.0 + 2.0 * _GUARD) * self._pulse + 2.0 * self._max_lag) * self._wide.rate) + 2
         self._correlator = Correlator(self._wide, length, self._max_lag)
 

@@ -20,13 +20,15 @@ class Hypothesis:
     """One estimator that believes in one side at its start.
 
     From then on it takes of a bearing and its mirror image the one that it predicts (`image_error`), so that a source
-    may pass the array's axis.
+    may pass the array's axis; where its prediction cannot tell them apart, or both fit, it stays with the image that it
+    took last.
     """
 
-    def __init__(self, ray: Ray, config: LocalizerConfig, rng: np.random.Generator) -> None:
+    def __init__(self, ray: Ray, config: LocalizerConfig, rng: np.random.Generator, image: int = 0) -> None:
         self.estimator = _estimator(ray, config, rng)
         self._config, self._start, self._age = config, np.array([ray.x, ray.y]), 0.0
         self._found = self.estimator.estimate()
+        self._image = image
         self.log_evidence = 0.0
         self.nis = 0.0
         self.unused = 0  # bearings in a row beyond the gate
@@ -37,7 +39,7 @@ class Hypothesis:
         predicted, variance = self.estimator.predicted_bearing(rays[0].x, rays[0].y)
         std, weight = rays[0].std, rays[0].weight
         errors = [wrap_angle(ray.bearing - predicted) for ray in rays]
-        error, spread = image_error(errors, std)
+        error, spread = self._image_error(errors, std, variance)
         self.log_evidence += log_evidence(error, variance + (std**2 + spread) / weight)
         self.nis = error * error / (variance + std**2 + spread)
         self.unused = 0 if self.nis <= gate_sigma**2 else self.unused + 1
@@ -46,6 +48,21 @@ class Hypothesis:
             self.estimator.update(Ray(rays[0].x, rays[0].y, bearing, math.sqrt(std**2 + spread), weight))
 
         self._found = self.estimator.estimate()
+
+    def _image_error(self, errors: list[float], std: float, variance: float) -> tuple[float, float]:
+        """Innovation, and the variance that doubt about the image adds; a mean of both would be drawn to the axis."""
+        if len(errors) == 1:
+            return errors[0], 0.0
+        own, other = errors[self._image], errors[1 - self._image]
+        apart = (own - other) ** 2
+        if apart < _TOLD_APART**2 * (variance + std**2):
+            share = 1.0 / (1.0 + math.exp(max(-700.0, min(700.0, 0.5 * (other**2 - own**2) / (variance + std**2)))))
+            return own, share * (1.0 - share) * apart
+        if abs(own) > abs(other):
+            if own**2 <= _SURE**2 * (variance + std**2):
+                return own, 0.0
+            self._image = 1 - self._image
+        return image_error(errors, std)
 
     @property
     def fix(self) -> PlanarFix | None:
@@ -103,4 +120,5 @@ def log_evidence(error: float, variance: float) -> float:
 
 
 _OUTLIERS = 0.05
+_TOLD_APART = 2.0  # standard deviations of the innovation between images of which one is decisively nearer
 _SURE = 4.0  # standard deviations of what a source may have moved

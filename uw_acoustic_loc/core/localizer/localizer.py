@@ -65,7 +65,7 @@ class SourceLocalizer:
         return 0.5 * (1 + math.tanh(difference / 2))
 
     def _start(self, rays: list[Ray]) -> None:
-        self.sides = [Hypothesis(ray, self.config, self._rng) for ray in rays]
+        self.sides = [Hypothesis(ray, self.config, self._rng, k) for k, ray in enumerate(rays)]
         self._headings = self._heading, self._heading
         self.used += 1
 
@@ -110,10 +110,13 @@ def independent_share(interval: float, correlation_time: float) -> float:
 
 
 def std_of(variance: float) -> float:
-    """Standard deviation of a bearing message in rad; ValueError unless its variance is positive."""
-    if not 0 < variance < math.inf:
+    """Standard deviation of a bearing message in rad; ValueError unless its variance is known and says something."""
+    if not variance > 0:
         raise ValueError(f"the bearing's variance must be positive while bearing_std is 0, got {variance:g} rad^2")
+    if variance >= _NOTHING:
+        raise ValueError(f"a bearing whose variance is {variance:g} rad^2 may point anywhere, allowed is {_NOTHING:g}")
     return math.sqrt(variance)
 
 
+_NOTHING = 9.0  # rad^2
 TELLING_TURN = math.radians(20.0)  # of the heading, before a side is dropped

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ..geometry import rotation_from_rpy, rpy_from_quat, wrap_angle
-from ..pose_history import Frame, PoseHistory, Reset
+from ..pose_history import OdomFrame, PoseHistory, Reset
 from ..types import Array, Odometry
 from .triangulation import PlanarFix
 
@@ -89,7 +89,7 @@ class Reckoning:
     def to_odom(self, fix: PlanarFix) -> PlanarFix:
         """A fix of this frame in odom as it is now."""
         frame = self._history.believed_frame
-        if frame == Frame():
+        if frame == OdomFrame():
             return fix
         rotation = _back(frame)
         return PlanarFix(self.points_to_odom(fix.mean[:, None])[:, 0], rotation @ fix.cov @ rotation.T)
@@ -103,7 +103,7 @@ class Reckoning:
         self.notice, self.notice_ns = sentence, odometry.t_ns
 
 
-def _back(frame: Frame) -> Array:
+def _back(frame: OdomFrame) -> Array:
     c, s = frame.turn.real, frame.turn.imag
     return np.array([[c, s], [-s, c]])
 

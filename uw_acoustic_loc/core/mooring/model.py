@@ -24,6 +24,7 @@ class MooringConfig:
     stiffness: float = param(1.0, unit="N/m", low=0)
     force: float = param(0.5, unit="N", doc="constant")
     initial_offset: float = param(0.0, unit="m")
+    max_offset: float = param(1000.0, unit="m", low=1e-3, doc="no mooring goes further: beyond it a filter restarts")
     initial_std: float = param(2.0, unit="m", low=0)
     initial_velocity_std: float = param(1.0, unit="m/s", low=0)
     process_std: float = param(0.05, unit="m", low=0, doc="random motion of the offset in one process_period")
@@ -46,6 +47,10 @@ class MooringConfig:
     def __post_init__(self) -> None:
         if len(set(self.mooring_ids)) < max(len(self.mooring_ids), 1) or "" in self.mooring_ids:
             raise ValueError(f"mooring_ids must be distinct names, at least one, got {list(self.mooring_ids)}")
+        if abs(self.initial_offset) > self.max_offset:
+            raise ValueError(
+                f"initial_offset must be within max_offset {self.max_offset:g} m, got {self.initial_offset:g} m"
+            )
         if self.mass == 0 and self.damping == 0:
             raise ValueError("mass and damping must not both be 0")
         if self.noise == "learnt" and self.filter != "particle":

@@ -17,37 +17,98 @@ class Grouping:
     """Groups of detections, at most one per receiver.
 
     A detection gives a position by itself (range sum and bearing). From there it gathers, receiver by receiver, the
-    likeliest detection inside the gate, and moves by a linear update with each.
+    likeliest detection inside the gate, and moves by a linear update with each. All detections do so at once.
     """
 
     def __init__(self, single: Likelihood, receiver: AnyArray, gate: float) -> None:
         """`single` has a row per detection and one column; rows of one `receiver` (D,) exclude each other."""
-        self._single, self._receiver = single, receiver
+        self._receiver = receiver
         self._limit = chi_square_limit(gate, 2)
+        self._view = View(single, receiver)
         self._positions, self._information = _own_fixes(single)
-        self._R = _noise_cov(single)
+        self._found: dict[int, tuple[int, ...]] = {}
 
     def groups(self, free: AbstractSet[int]) -> set[tuple[int, ...]]:
-        """What each of the `free` rows gathers among them, rows in ascending order."""
-        return {self._gather(seed, free) for seed in free}
+        """What each of the `free` rows gathers among them, rows in ascending order.
 
-    def _gather(self, seed: int, free: AbstractSet[int]) -> tuple[int, ...]:
-        group = [seed]
-        position, information = self._positions[seed], self._information[seed]
-        while others := [r for r in sorted(free) if self._receiver[r] not in self._receiver[group]]:
-            residuals, G = residuals_at(self._single, position)
-            residuals, G, R = residuals[others], G[others], self._R[others]
-            S = G @ np.linalg.solve(information, G.transpose(0, 2, 1)) + R
-            nis = (residuals * np.linalg.solve(S, residuals[..., None])[..., 0]).sum(axis=1)
-            inside = nis <= self._limit
-            if not inside.any():
-                break
-            k = int(np.argmin(np.where(inside, nis + np.linalg.slogdet(S)[1], np.inf)))
-            weighted = np.linalg.solve(R[k], G[k]).T
-            information = information + weighted @ G[k]
-            position = position + np.linalg.solve(information, weighted @ residuals[k])
-            group.append(others[k])
-        return tuple(sorted(group))
+        A group is the same as long as all its rows are free: it would choose them again.
+        """
+        if stale := [row for row in sorted(free) if row not in self._found or not free >= set(self._found[row])]:
+            self._found.update(zip(stale, self._gather(np.array(stale), free), strict=True))
+        return {self._found[row] for row in free}
+
+    def _gather(self, seeds: AnyArray, free: AbstractSet[int]) -> list[tuple[int, ...]]:
+        position, information = self._positions[seeds], self._information[seeds]
+        allowed = self._receiver[seeds][:, None] != self._receiver
+        allowed &= np.isin(np.arange(len(self._receiver)), list(free))
+        groups, open_ = [[seed] for seed in seeds.tolist()], np.arange(len(seeds))
+        while open_.size:
+            nis, spread = self._view.fit(position[open_], np.asarray(np.linalg.inv(information[open_]), float))
+            inside = (nis <= self._limit) & allowed[open_]
+            some = inside.any(axis=1)
+            open_ = open_[some]
+            rows = np.argmin(np.where(inside[some], nis[some] + spread[some], np.inf), axis=1)
+            residuals, weighted, gained = self._view.information(position[open_], rows)
+            information[open_] += gained
+            step = np.linalg.solve(information[open_], weighted @ residuals[..., None])[..., 0]
+            position[open_] += step
+            allowed[open_] &= self._receiver[rows][:, None] != self._receiver
+            for seed, row in zip(open_.tolist(), rows.tolist(), strict=True):
+                groups[seed].append(row)
+        return [tuple(sorted(group)) for group in groups]
+
+
+class View:
+    """Detections as seen from many positions at once; what hangs on the receiver alone is worked out once for each."""
+
+    def __init__(self, single: Likelihood, receiver: AnyArray) -> None:
+        """`single` has a row per detection and one column; `receiver` (D,) says whose."""
+        self._single = single
+        _, first, self._whose = np.unique(receiver, return_index=True, return_inverse=True)
+        self._nodes = single.receivers[first]
+        self._variances = np.hstack([1 / single.range_weight, 1 / single.bearing_weight])
+
+    def fit(self, positions: Array, covs: Array) -> tuple[Array, Array]:
+        """At positions (S, 2), covs (S, 2, 2): normalised squared innovations (S, D), log det of their covariances."""
+        dx, dy = (positions[:, k, None] - self._nodes[:, k] for k in (0, 1))
+        ex, ey = (positions - self._single.transmitter).T[:, :, None]
+        distance, outward = np.hypot(dx, dy) + _TINY, np.hypot(ex, ey) + _TINY
+        ux, uy = dx / distance, dy / distance
+        gx, gy = ux + ex / outward, uy + ey / outward
+        xx, xy, yy = (covs[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+        ranged = gx * gx * xx + 2 * gx * gy * xy + gy * gy * yy  # variances and covariance by the position's
+        both = -gx * uy * xx + (gx * ux - gy * uy) * xy + gy * ux * yy  # the bearing's for a lever of 1 m
+        turned = uy * uy * xx - 2 * ux * uy * xy + ux * ux * yy
+        whose = self._whose
+        late = self._single.ranges[:, 0] - (distance + outward)[:, whose]
+        turn = _wrapped(self._single.bearings[:, 0] - np.arctan2(dy, dx)[:, whose])
+        lever = 1 / np.maximum(distance[:, whose], np.sqrt(self._variances[:, 0]))
+        first, cross = ranged[:, whose] + self._variances[:, 0], both[:, whose] * lever
+        second = turned[:, whose] * lever * lever + self._variances[:, 1]
+        determinant = first * second - cross * cross
+        nis = (second * late * late - 2 * cross * late * turn + first * turn * turn) / determinant
+        return nis, np.log(determinant)
+
+    def information(self, positions: Array, rows: AnyArray) -> tuple[Array, Array, Array]:
+        """Residuals (S, 2), G^T R^-1 and G^T R^-1 G (S, 2, 2) of a detection `rows` (S,) for each position (S, 2)."""
+        single = self._single
+        (dx, dy), (ex, ey) = (positions - single.receivers[rows]).T, (positions - single.transmitter).T
+        distance, outward = np.hypot(dx, dy) + _TINY, np.hypot(ex, ey) + _TINY
+        ux, uy = dx / distance, dy / distance
+        lever = np.maximum(distance, np.sqrt(self._variances[rows, 0]))
+        G = np.array([[ux + ex / outward, uy + ey / outward], [-uy / lever, ux / lever]]).transpose(2, 0, 1)
+        turn = _wrapped(single.bearings[rows, 0] - np.arctan2(dy, dx))
+        residuals = np.stack([single.ranges[rows, 0] - distance - outward, turn], axis=1)
+        weighted = (G / self._variances[rows][:, :, None]).transpose(0, 2, 1)
+        return residuals, weighted, weighted @ G
+
+
+def _wrapped(turn: Array) -> Array:
+    turn -= (2 * np.pi) * np.rint(turn / (2 * np.pi))
+    return turn
+
+
+_TINY = 1e-6  # m
 
 
 class Claims:
@@ -61,6 +122,7 @@ class Claims:
         """`single` has a row per detection and one column; `receiver` (D,) says whose."""
         self._single, self._receiver = single, receiver
         self._limit, self._sound_speed = chi_square_limit(gate, 2), sound_speed
+        self._view = View(single, receiver)
         self._R = _noise_cov(single)
 
     def rows(self, tracks: Sequence[Track], free: AbstractSet[int]) -> list[list[int]]:
@@ -90,14 +152,9 @@ class Claims:
 
     def _fit(self, tracks: Sequence[Track]) -> tuple[Array, Array]:
         """(T, D) normalised squared innovations, and the logarithms of their covariances' determinants."""
-        nis, spread = np.empty((2, len(tracks), len(self._receiver)))
-        for i, track in enumerate(tracks):
-            position, cov = track.ahead(self._delay(track))
-            residuals, G = residuals_at(self._single, position)
-            S = G @ cov @ G.transpose(0, 2, 1) + self._R
-            nis[i] = (residuals * np.linalg.solve(S, residuals[..., None])[..., 0]).sum(axis=1)
-            spread[i] = np.linalg.slogdet(S)[1]
-        return nis, spread
+        ahead = [track.ahead(self._delay(track)) for track in tracks]
+        positions = np.array([position for position, _ in ahead]).reshape(-1, 2)
+        return self._view.fit(positions, np.array([cov for _, cov in ahead]).reshape(-1, 2, 2))
 
     def _delay(self, track: Track) -> float:
         """From the ping's stamp until it meets the track."""

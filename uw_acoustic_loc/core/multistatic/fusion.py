@@ -23,6 +23,8 @@ class MultistaticConfig:
     range_noise: str = param(
         "rayleigh", choices=("rayleigh", "gaussian"), doc="rayleigh: echoes are late, 1.913 range_std on average"
     )
+    range_std: float = param(40.0, unit="m", low=1e-3, doc="of a range whose std is not given: 0, negative or NaN")
+    bearing_std: float = param(0.03, unit="rad", low=1e-6, doc="of a bearing whose std is not given")
     transmitter_position: tuple[float, ...] = param((0.0, 0.0, 0.0), unit="m", length=3, doc="used with receiver_ids")
     receiver_positions: tuple[float, ...] = param((), unit="m", doc="x y z of each receiver; empty = from the topic")
     receiver_ids: tuple[int, ...] = param((), low=0, high=65535)
@@ -38,6 +40,7 @@ class MultistaticConfig:
         0.5, unit="m^2/s^3", low=0, changeable=True, doc="the same while a target manoeuvres"
     )
     speed_std: float = param(5.0, unit="m/s", low=0.01, doc="of a new track, per axis, around 0")
+    max_speed: float = param(50.0, unit="m/s", low=0.1, changeable=True, doc="no target is faster: such a track ends")
     confirm_hits: int = param(3, low=1, doc="a track is confirmed by this many sightings ...")
     confirm_pings: int = param(4, low=1, high=100, doc="... in this many pings")
     coast_time: float = param(30.0, unit="s", low=0, changeable=True, doc="a track without detections ends after this")
@@ -65,6 +68,7 @@ class MultistaticConfig:
             self.confirm_hits,
             self.confirm_pings,
             self.coast_time,
+            self.max_speed,
         )
 
 
@@ -94,6 +98,7 @@ class TargetFix:
     position: Array  # (2,) m
     cov: Array  # (2, 2) m^2
     rows: tuple[int, ...]  # of Echoes
+    misfit: float  # sum of squared normalised residuals of `ml_range_bearing`; 2 len(rows) - 2 degrees of freedom
 
 
 class Fusion:
@@ -113,33 +118,23 @@ class Fusion:
         self.needed = min(config.min_receivers, len(net.receivers))
 
     def fixes(self, echoes: Echoes) -> Iterator[TargetFix]:
-        """All fixes of a ping, the strongest first."""
-        if len(echoes.receiver) < self.needed:
-            return
-        grouping = Grouping(self.single(echoes), echoes.receiver, self.config.gate)
-        free, refused = set(range(len(echoes.receiver))), set[tuple[int, ...]]()
-        while groups := {g for g in grouping.groups(free) - refused if len(g) >= self.needed}:
-            best = max(groups, key=lambda group: (len(group), _strength(echoes, group), group))
-            fix = self._fit(echoes, best)
-            if fix is None:
-                refused.add(best)
-            else:
-                free -= set(best)
-                yield fix
+        """All fixes of a ping, the strongest first, of the likeliest groups."""
+        yield from Search(self, echoes).fixes(set(range(len(echoes.receiver))))
 
-    def _fit(self, echoes: Echoes, rows: tuple[int, ...]) -> TargetFix | None:
+    def fit(self, echoes: Echoes, rows: tuple[int, ...]) -> TargetFix | None:
         """One point through a group; None when the detections do not agree or the method finds no point."""
         own = echoes.take(rows)
         net = SonarNet(self.net.transmitter, self.net.receivers[own.receiver])
         noise = self._noise(own)
-        joint = locate(net, own.range, own.bearing, noise, "ml_range_bearing")
+        found = joint = locate(net, own.range, own.bearing, noise, "ml_range_bearing")
         if not joint.misfit <= chi_square_limit(self.config.gate, max(2 * len(rows) - 2, 1)):
             return None
-        try:
-            found = locate(net, own.range, own.bearing, noise, self.config.method)
-        except ValueError:  # these receivers alone are too few for the method, or in line
-            return None
-        return TargetFix(found.positions, found.cov, rows) if found.converged else None
+        if self.config.method != "ml_range_bearing":
+            try:
+                found = locate(net, own.range, own.bearing, noise, self.config.method)
+            except ValueError:  # these receivers alone are too few for the method, or in line
+                return None
+        return TargetFix(found.positions, found.cov, rows, float(joint.misfit)) if found.converged else None
 
     def single(self, echoes: Echoes) -> Likelihood:
         """Every detection as a receiver of its own, the ranges' bias removed; (D, 1)."""
@@ -152,14 +147,47 @@ class Fusion:
         return Noise(echoes.range_std, echoes.bearing_std, self.config.range_noise == "rayleigh")
 
 
-class PingScan:
-    """The scan of one ping: a confirmed track lives on any detection, a new one needs `min_receivers` at once."""
+class Search:
+    """The fixes of one ping. What has been found out about a group is kept from one search to the next."""
 
     def __init__(self, fusion: Fusion, echoes: Echoes) -> None:
         self._fusion, self._echoes = fusion, echoes
+        self.single = fusion.single(echoes)
+        self._grouping = Grouping(self.single, echoes.receiver, fusion.config.gate)
+        self._snr = np.nan_to_num(echoes.snr).tolist()
+        self._fits: dict[tuple[int, ...], TargetFix | None] = {}
+        self.left_out = 0  # groups that were not tried
+
+    def fixes(self, free: set[int]) -> Iterator[TargetFix]:
+        """Fixes of the `free` rows, the strongest first."""
+        free, tried, self.left_out = set(free), set[tuple[int, ...]](), 0
+        needed = self._fusion.needed
+        if len(free) < needed:
+            return
+        while groups := [g for g in self._grouping.groups(free) if len(g) >= needed and g not in tried]:
+            if len(tried) >= _TRIED:
+                self.left_out = len(groups)
+                return
+            best = max(groups, key=lambda group: (len(group), sum(self._snr[row] for row in group), group))
+            tried.add(best)
+            if best not in self._fits:
+                self._fits[best] = self._fusion.fit(self._echoes, best)
+            if fix := self._fits[best]:
+                free -= set(best)
+                yield fix
+
+
+_TRIED = 20  # groups of a ping
+
+
+class PingScan:
+    """The scan of one ping: a confirmed track lives on any detection, a new one needs `min_receivers` at once."""
+
+    def __init__(self, fusion: Fusion, echoes: Echoes, search: Search | None = None) -> None:
+        self._fusion, self._search = fusion, search or Search(fusion, echoes)
         self._free = set(range(len(echoes.receiver)))
         config = fusion.config
-        self._claims = Claims(fusion.single(echoes), echoes.receiver, config.gate, config.sound_speed)
+        self._claims = Claims(self._search.single, echoes.receiver, config.gate, config.sound_speed)
 
     def claim(self, tracks: Sequence[Track]) -> list[Sighting | None]:
         """See `Scan`."""
@@ -168,7 +196,7 @@ class PingScan:
 
     def rest(self) -> Iterator[Sighting]:
         """See `Scan`."""
-        for fix in self._fusion.fixes(self._echoes.take(sorted(self._free))):
+        for fix in self._search.fixes(self._free):
             outward = float(np.hypot(*(fix.position - self._fusion.net.transmitter)))
             yield Sighting(fix.position, fix.cov, outward / self._fusion.config.sound_speed)
 
@@ -177,7 +205,3 @@ class PingScan:
             return None
         self._free -= set(rows)
         return self._claims.sighting(track, rows)
-
-
-def _strength(echoes: Echoes, rows: tuple[int, ...]) -> float:
-    return float(np.nansum(echoes.snr[list(rows)]))

@@ -31,6 +31,7 @@ class TrackRules:
     confirm_hits: int  # M
     confirm_pings: int  # N
     coast_time: float  # s without a sighting until a confirmed track ends
+    max_speed: float = math.inf  # m/s, of any target
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +189,8 @@ class Tracker:
         return Track.start(np.array([*sighting.position, 0.0, 0.0]), cov, t_ns)
 
     def _alive(self, track: Track, t_ns: int) -> bool:
+        if not math.hypot(*track.mean[2:].tolist()) <= self.rules.max_speed:
+            return False
         if track.id:
             return (t_ns - track.seen_ns) * 1e-9 <= self.rules.coast_time
         return track.history.count(False) <= self.rules.confirm_pings - self.rules.confirm_hits

@@ -21,6 +21,12 @@ class SlamConfig:
     )
     range_min: float = param(2.0, unit="m", low=1e-3, doc="a pinger is not nearer than this when it starts")
     range_max: float = param(200.0, unit="m", low=1e-3, doc="nor farther than this")
+    start_share: float = param(
+        0.07, low=0.01, high=0.3, changeable=True, doc="a pinger starts when its range is known to this share of itself"
+    )
+    start_memory: float = param(
+        300.0, unit="s", low=10, high=3600, changeable=True, doc="for which bearings of a pinger not known yet are kept"
+    )
     array_yaw: float = param(0.0, unit="rad", low=-3.15, high=3.15, doc="of the array's +x in base_link")
     mirror: bool = param(False, doc="the side of the array is not known: carry both until a turn has settled it")
     mirror_probability: float = param(1e-3, low=1e-12, high=0.4, doc="a side less probable than this is dropped")

@@ -14,8 +14,9 @@ from .config import SlamConfig
 from .gap import bridge
 from .inertial import ATTITUDE, GYRO_BIAS, LOG_BIAS, SIZE, VELOCITY, YAW, moved
 from .joint import Joint
-from .landmark import Landmark, Pose, images_of
-from .relocation import Relocation, Sighting, place
+from .landmark import Landmark, images_of
+from .lines import Pose
+from .relocation import Relocation, SeenPinger, place
 from .velocity_log import VelocityLog
 
 
@@ -108,7 +109,7 @@ class Slam:
             self._go_on((t_ns - self._imu_ns) * 1e-9, t_ns)
         self._begin_ns = self._begin_ns or t_ns
         self._reading = np.array((imu.angular, imu.acceleration))
-        self._imu_ns, self._t_ns, self.imu_age = t_ns, t_ns, 0.0
+        self._imu_ns, self._t_ns, self.imu_age, self.imu_ahead = t_ns, t_ns, 0.0, 0
 
     def _take_velocity(self, velocity: BodyVelocity) -> None:
         t_ns = velocity.t_ns
@@ -145,7 +146,7 @@ class Slam:
         if landmark.slot is None:
             return
         images = tuple(images_of(bearing.bearing, self.config))
-        relocation.hear(Sighting(self._raw, bearing.position[:2], images, variance, landmark.slot))
+        relocation.hear(SeenPinger(self._raw, bearing.position[:2], images, variance, landmark.slot))
         found = relocation.solve(self.joint)
         if found is not None:
             place(self.joint, found)
@@ -160,8 +161,9 @@ class Slam:
     def _lose(self, reason: str) -> None:
         """From now on the pose is looked for; what is still known of it, with doubt, is the prior."""
         pose = [0, 1, YAW]
-        prior = self.joint.mean[pose].copy(), self.joint.cov[np.ix_(pose, pose)].copy()
-        self.relocation = Relocation(reason, prior, self._raw.time)
+        self.relocation = Relocation(
+            reason, (self.joint.mean[pose], self.joint.cov[np.ix_(pose, pose)]), self._raw.time
+        )
         for pinger in self.pingers.values():
             pinger.drop_lines()
             pinger.unused_in_a_row = 0
@@ -217,10 +219,11 @@ class Slam:
             raise ValueError(f"stamp {t_ns} ns must not be before {self._t_ns} ns, which has been handled")
 
     def _require_near(self, t_ns: int) -> None:
+        """Stamps that stay far ahead are a clock set forward, or a long gap; odom stays what it was."""
         gap = (t_ns - self._imu_ns) * 1e-9
         self.imu_ahead = self.imu_ahead + 1 if gap > _LONGEST_GAP else 0
-        if self.imu_ahead:
-            raise ValueError(f"IMU stamp is {gap:.1f} s after the last one, at most {_LONGEST_GAP:g} s can be bridged")
+        if 0 < self.imu_ahead <= _BELIEVED_AFTER:
+            raise ValueError(f"IMU stamp is {gap:.1f} s after the last one, at most {_LONGEST_GAP:g} s are believed")
 
     def _require_imu(self, t_ns: int) -> None:
         if not self._imu_ns:
@@ -244,7 +247,7 @@ def _require_plausible(what: str, vector: Array, limit: float, unit: str) -> Non
 
 _START_SPEED = 3.0  # m/s, std per axis before the Doppler log speaks
 _LONGEST_STEP = 0.04  # s
-_LONGEST_GAP = 60.0  # s
+_LONGEST_GAP, _BELIEVED_AFTER = 60.0, 3  # s, and stamps in a row that are farther ahead
 _TURNED_TOO_FAR = 0.5  # rad of yaw's std, beyond which bearings cannot be linearised
 _ASTRAY, _TURNED = 50.0, 2.0  # m and rad of doubt about a pose that no bearing fits
 _FASTEST, _HARDEST = 10.0, 100.0  # rad/s, m/s^2; beyond is a fault, one held reading of which would turn the track

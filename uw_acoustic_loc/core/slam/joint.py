@@ -74,6 +74,17 @@ class Joint:
         self._dger(-1.0, scaled, scaled, a=self.cov.T, overwrite_a=1)  # BLAS wants columns contiguous: the transpose
         self._daxpy(scaled, self.mean, a=scale * error)  # in place, too
 
+    def learn(self, states: list[int], information: Array, pull: Array) -> None:
+        """Takes what a least-squares problem says of some states: half its Hessian, and half its gradient here."""
+        strengths, directions = np.linalg.eigh(information)
+        start = self.mean[states].copy()
+        for strength, v in zip(strengths.tolist(), directions.T, strict=True):
+            if strength > 1e-9 * strengths[-1]:
+                cross = self.cov[:, states] @ v
+                moved = float(v @ (self.mean[states] - start))
+                prediction = Prediction(moved, float(v @ cross[states]), cross)
+                self.correct(prediction, -float(v @ pull) / strength - moved, 1 / strength)
+
     def add(self, fix: PlanarFix, J: Array) -> Slot:
         """A new pinger whose error is J (2, 15) times the vehicle's, plus one of its own with the fix's covariance."""
         n = self.mean.size

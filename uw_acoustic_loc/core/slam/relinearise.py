@@ -11,7 +11,7 @@ from ..types import Bearing
 from .config import SlamConfig
 from .filter import Measurement, Slam, SourceBearing
 from .inertial import SIZE, YAW_BIAS
-from .landmark import Estimate
+from .lines import Estimate
 
 
 class SlamPasses:

@@ -14,10 +14,10 @@ from ..localizer.triangulation import fits
 from ..types import Array
 from .inertial import YAW
 from .joint import Joint, Slot
-from .landmark import Pose
+from .lines import Pose
 
 
-class Sighting(NamedTuple):
+class SeenPinger(NamedTuple):
     """A bearing of a known pinger, with where the raw track had come to; `images` are the bearing and its mirror."""
 
     raw: Pose
@@ -48,10 +48,10 @@ class Relocation:
     def __init__(self, reason: str, prior: tuple[Array, Array], begun: float) -> None:
         self.reason, self.begun = reason, begun  # s, of the raw track
         self._prior: tuple[Array, Array] = prior[0], np.asarray(np.linalg.inv(prior[1]), dtype=float)
-        self._sightings: list[Sighting] = []
+        self._sightings: list[SeenPinger] = []
         self._asked = begun - _EVERY  # when `solve` last looked for a pose
 
-    def hear(self, sighting: Sighting) -> None:
+    def hear(self, sighting: SeenPinger) -> None:
         """Takes a bearing; the oldest are forgotten, since the raw track drifts."""
         self._sightings = [s for s in self._sightings if sighting.raw.time - s.raw.time < _MEMORY][-_CAPACITY:]
         self._sightings.append(sighting)
@@ -75,7 +75,7 @@ class Relocation:
 class _Problem:
     """Least squares of bearings over the pose (x, y, yaw) at the last of them."""
 
-    def __init__(self, sightings: list[Sighting], joint: Joint, prior: tuple[Array, Array]) -> None:
+    def __init__(self, sightings: list[SeenPinger], joint: Joint, prior: tuple[Array, Array]) -> None:
         now = sightings[-1].raw
         self._slots = [s.slot.start for s in sightings]
         self._pingers = np.array([joint.mean[s.slot.part] for s in sightings])

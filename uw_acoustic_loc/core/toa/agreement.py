@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ..types import AnyArray
 from .paths import Epoch
 
 
-@dataclass(frozen=True)
-class Record:
+class ReceiverRecord(NamedTuple):
     """The last messages of one receiver and path."""
 
     rejected: int  # in a row
@@ -23,7 +23,7 @@ class Record:
 class Agreement:
     """Records by receiver and path; of a receiver as a whole (path 0) where arrivals come without a path."""
 
-    records: Mapping[int, Record] = field(default_factory=dict)
+    records: Mapping[int, ReceiverRecord] = field(default_factory=dict)
 
     def after(self, epoch: Epoch, used: Epoch, accepted: AnyArray) -> Agreement:
         """With one more epoch, of whose arrivals those of `used` have a path and a verdict, `accepted` (n,)."""
@@ -31,7 +31,7 @@ class Agreement:
             verdicts = dict(zip((4 * epoch.receiver + epoch.path).tolist(), accepted.tolist(), strict=True))
         else:
             agreeing = set(used.receiver[accepted].tolist())
-            verdicts = {4 * receiver: receiver in agreeing for receiver in epoch.receiver.tolist()}
+            verdicts = {4 * receiver: receiver in agreeing for receiver in epoch.receivers}
         return Agreement({**self.records, **{key: self._record(key, epoch.t_ns, ok) for key, ok in verdicts.items()}})
 
     def lost(self, times: int) -> bool:
@@ -52,11 +52,11 @@ class Agreement:
         now = [r.rejected / times for r in self.records.values() if r.last_ns == t_ns and r.rejected >= times]
         return any(ratio.is_integer() and int(ratio).bit_count() == 1 for ratio in now)
 
-    def _record(self, key: int, t_ns: int, accepted: bool) -> Record:
+    def _record(self, key: int, t_ns: int, accepted: bool) -> ReceiverRecord:
         before = self.records.get(key)
         rejected = 0 if accepted else 1 + (before.rejected if before else 0)
         since_ns = before.since_ns if before and rejected > 1 else t_ns
-        return Record(rejected, since_ns, t_ns, t_ns - before.last_ns if before else 0)
+        return ReceiverRecord(rejected, since_ns, t_ns, t_ns - before.last_ns if before else 0)
 
 
 def last_rounds(epochs: tuple[Epoch, ...], rounds: int) -> tuple[Epoch, ...]:
@@ -64,8 +64,8 @@ def last_rounds(epochs: tuple[Epoch, ...], rounds: int) -> tuple[Epoch, ...]:
     seen: set[int] = set()
     count, kept = 1, 0
     for epoch in reversed(epochs[-_MOST * rounds :]):
-        receivers = set(epoch.receiver.tolist())
-        if seen & receivers:
+        receivers = epoch.receivers
+        if not seen.isdisjoint(receivers):
             count, seen = count + 1, set()
         if count > rounds:
             break

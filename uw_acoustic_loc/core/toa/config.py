@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from ...config import group, param
 
@@ -142,7 +143,7 @@ class ToaConfig:
     receivers: Receivers = group(Receivers)
     seed: int = param(1, low=0, doc="nothing is drawn at random here")
 
-    @property
+    @cached_property
     def clock_stds(self) -> tuple[float, ...]:
         """Of each receiver: none, its offset in s, or that and its drift; a range bias is an offset of the clock."""
         r = self.receivers

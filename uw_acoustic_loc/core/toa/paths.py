@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,17 @@ class ReceiverNet:
     images: Array  # (4, M, 3) by path (Arrivals.DIRECT, ...) and row; NaN where a path is not modelled
     sway: Array  # (M,) m^2, variance of each receiver's x
 
+    @cached_property
+    def centre(self) -> tuple[float, float]:
+        """x and y in m of the middle of the receivers."""
+        x, y = self.images[Arrivals.DIRECT, :, :2].mean(axis=0).tolist()
+        return x, y
+
+    @cached_property
+    def extent(self) -> float:
+        """m, the larger side of the box around the receivers."""
+        return float(np.ptp(self.images[Arrivals.DIRECT, :, :2], axis=0).max())
+
 
 @dataclass(frozen=True, eq=False)
 class Epoch:
@@ -40,6 +52,11 @@ class Epoch:
     std: Array  # (n,) s
     snr: Array  # (n,) dB, NaN unknown
     height: tuple[float, float, float] | None = None  # z in m, its variance and age in s, if something measures it
+
+    @cached_property
+    def receivers(self) -> frozenset[int]:
+        """The rows of the net that are heard."""
+        return frozenset(self.receiver.tolist())
 
     @property
     def images(self) -> Array:
@@ -155,7 +172,7 @@ def associate(epoch: Epoch, predictor: Predictor, gate_sigma: float) -> tuple[Ep
     left out first; of what remains the strongest are tried for each path. Last comes how many were not tried.
     """
     path, probability, untried = np.zeros_like(epoch.path), np.zeros((4, len(epoch.time))), 0
-    for receiver in set(epoch.receiver.tolist()):
+    for receiver in epoch.receivers:
         rows = np.flatnonzero(epoch.receiver == receiver)
         paths, here = _modelled(epoch.net, receiver), epoch.rows(rows)
         times, cov = predictor(epoch.net.images[paths, receiver], np.full(len(paths), receiver))

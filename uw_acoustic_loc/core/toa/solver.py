@@ -35,23 +35,20 @@ class Start:
 
 def cold_prior(net: ReceiverNet, config: ToaConfig) -> tuple[Array, Array]:
     """Mean and covariance that say nothing of the horizontal position, and of z that it is in the water."""
-    receivers = net.images[1]
     middle, half = water_column(config.water)
-    spread = 10 * _extent(net) + 1000
-    mean = np.array(
-        [*receivers.mean(axis=0)[:2], middle, *config.start.initial_velocity, config.water.start_sound_speed]
-    )
+    spread = 10 * net.extent + 1000
+    mean = np.array([*net.centre, middle, *config.start.initial_velocity, config.water.start_sound_speed])
     std = np.array([spread, spread, half, *config.start.initial_velocity_std, config.water.sound_speed_std])
     return mean, np.diag(std**2)
 
 
 def believable(mean: Array, net: ReceiverNet, config: ToaConfig) -> bool:
     """Whether a state is within what is known beforehand: near the net, in the water (3 sigma), at no absurd speed."""
-    centre, spread = net.images[1].mean(axis=0), 10 * _extent(net) + 1000
+    (east, north), spread = net.centre, 10 * net.extent + 1000
     middle, half = water_column(config.water)
     x, y, z, vx, vy, vz, speed = mean[:7].tolist()
     return (
-        math.hypot(x - centre[0], y - centre[1]) <= spread
+        math.hypot(x - east, y - north) <= spread
         and abs(z - middle) <= 3 * half
         and math.hypot(vx, vy, vz) <= config.start.max_speed
         and SLOWEST <= speed <= FASTEST
@@ -60,7 +57,7 @@ def believable(mean: Array, net: ReceiverNet, config: ToaConfig) -> bool:
 
 def cold_starts(net: ReceiverNet, prior: Array) -> Array:
     """(49, D) start points on a grid over the net and half its extent around it."""
-    axis = np.linspace(-1, 1, 7) * max(_extent(net), 1.0)
+    axis = np.linspace(-1, 1, 7) * max(net.extent, 1.0)
     x, y = (grid.ravel() for grid in np.meshgrid(axis, axis))
     starts = np.tile(prior, (x.size, 1))
     starts[:, 0] += x
@@ -189,7 +186,3 @@ class _Problem:
 
 def _median(values: AnyArray) -> float:
     return float(np.median(values)) if len(values) else 0.0
-
-
-def _extent(net: ReceiverNet) -> float:
-    return float(np.ptp(net.images[1][:, :2], axis=0).max())

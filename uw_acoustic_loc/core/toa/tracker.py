@@ -179,7 +179,7 @@ class ToaTracker:
         assert self._now.estimate is not None
         dt = (epoch.t_ns - self._now.estimate.t_ns) * 1e-9
         mean, cov = predict(self._now.estimate.mean, self._now.estimate.cov, dt, self._config)
-        if len(set(epoch.receiver.tolist())) < _PLACE and too_open(epoch, mean, cov):
+        if len(epoch.receivers) < _PLACE and too_open(epoch, mean, cov):
             return self._wait_for_more(epoch, mean, cov)
         if epoch.height:
             mean, cov = with_height(mean, cov, *epoch.height)
@@ -187,7 +187,7 @@ class ToaTracker:
         estimate = replace(updated(associated, mean, cov, self._config), paths=paths)
         agreement = self._now.agreement.after(epoch, associated, estimate.accepted)
         self._now = replace(self._now, estimate=estimate, agreement=agreement)
-        if not estimate.used and len(set(epoch.receiver.tolist())) >= _PLACE:
+        if not estimate.used and len(epoch.receivers) >= _PLACE:
             self._meet(epoch)
         if agreement.lost(self._config.start.lost_epochs):
             return self._lost()

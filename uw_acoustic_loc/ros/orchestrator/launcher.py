@@ -21,6 +21,7 @@ from ...resolved_graph import ResolvedDriver, ResolvedNode, resolve_node, upstre
 from ...sim.catalog import SOURCES
 from ...stages.catalog import is_stage
 from ..diagnostics import Diagnostics
+from ..qos import check_overrides
 from ..report import Deliveries, Reports
 from ..sync import SyncClient
 from .command_line import RECORDER, command_line, is_ours, parameters, recorder_node
@@ -56,6 +57,8 @@ class Launcher:
             raise ValueError(f"bag {options.bag} exists already: choose another name or remove it")
         wirings = [resolve_node(node) for node in graph.nodes]
         self._wirings = upstream_first(wirings)
+        for resolved in wirings:
+            _check_overrides(resolved)
         self._sim_time = graph.clock_rate > 0 or options.player is not None
         self._recorder = recorder_node(options.bag, self._wirings, not options.bag_is_vital) if options.bag else None
         everything = [*(ResolvedNode(node) for node in (self._recorder, options.player) if node), *wirings]
@@ -191,6 +194,14 @@ class Launcher:
 
     def _on_signal(self, _number: int, _frame: Any) -> None:
         self._stopped = True
+
+
+def _check_overrides(resolved: ResolvedNode) -> None:
+    """Of a node of this package: what it publishes and subscribes to is known."""
+    if is_ours(resolved.node.executable):
+        own = [resolved.node.resolve("markers"), "/diagnostics", "/clock", "/tf", "/parameter_events", "/rosout"]
+        topics = {*resolved.inputs, *resolved.outputs, *own}
+        check_overrides(resolved.node.params, topics, f"node {resolved.node.full_name}")
 
 
 def _start_ns(wirings: Sequence[ResolvedNode]) -> int:

@@ -15,7 +15,8 @@ from ..spin import LAUNCHER
 
 Log = Callable[[str, str], None]  # who, line
 
-_BACKOFF_S = (0.1, 0.5, 1.0, 2.0, 5.0)
+_BACKOFF_S = (0.0, 0.5, 1.0, 2.0, 5.0)  # before another start: of what had run well, and of crashes in a row
+_STABLE_S = 10.0  # what has run for so long had not failed to start
 _RECENT_S = 10.0  # for diagnostics, which many look at once in a while
 _PATIENCE_S = 5.0  # for each of SIGINT, SIGTERM
 USER_ERROR = 1  # the exit code of a node that has said in one sentence what is wrong: starting it again cannot help
@@ -87,7 +88,7 @@ class NodeProcess:
 
     def __init__(self, name: str, command: list[str], log: Log, restart: Restart) -> None:
         self.name, self._command, self._log, self._restart = name, command, log, restart
-        self.restarts = 0
+        self.restarts, self._in_a_row = 0, -1
         self._restart_at = 0.0
         self.failure, self.failed_at = "", -1e9  # the latest, and when it was noticed
         self._start()
@@ -128,7 +129,8 @@ class NodeProcess:
             return code
         now = time.monotonic()
         if not self._restart_at:
-            wait = _BACKOFF_S[min(self.restarts, len(_BACKOFF_S) - 1)]
+            self._in_a_row = 0 if now - self._begun > _STABLE_S else self._in_a_row + 1
+            wait = _BACKOFF_S[min(self._in_a_row, len(_BACKOFF_S) - 1)]
             self.failure, self.failed_at = ended_how(code), now
             self._log(self.name, f"{self.failure}, starting it again in {wait:g} s")
             self._restart_at = now + wait

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-Merge = Callable[[Any, Any], Any]  # of what is known and a message, where neither says all
+Merge = Callable[[Any, Any], Any]  # of what is known (None at first) and a message, where neither says all
 
 
 class Latched:
@@ -35,7 +35,7 @@ class Latched:
         if topic not in self._known:
             return False
         try:
-            return _alike(self._known[topic], self._merged(topic, value))
+            return alike(self._known[topic], self._merged(topic, value))
         except ValueError:
             return False  # the stage will refuse it, and say why
 
@@ -49,10 +49,10 @@ class Latched:
 
     def _merged(self, topic: str, value: Any) -> Any:
         merge = self._merges[topic]
-        return merge(self._known[topic], value) if merge and topic in self._known else value
+        return merge(self._known.get(topic), value) if merge else value
 
 
-def _alike(a: Any, b: Any) -> bool:
+def alike(a: Any, b: Any) -> bool:
     """The same but for the stamp."""
     names = [field.name for field in dataclasses.fields(a) if field.name != "t_ns"]
     return all(_equal(getattr(a, name), getattr(b, name)) for name in names)

@@ -49,8 +49,7 @@ class StampWatch:
 
     def faults(self) -> list[str]:
         """Sentences on inputs that are silent, off, or late."""
-        clocks = [*self._steps(), *self._off_course(), *self._offsets()]
-        return [*clocks, *self._silent(), *([] if clocks else self._late())]
+        return [*self._steps(), *self._off_course(), *self._offsets(), *self._silent(), *self._late()]
 
     def _steps(self) -> list[str]:
         """Clocks that have stepped, and whose step is taken out."""
@@ -111,14 +110,14 @@ class StampWatch:
 
     def _late(self) -> list[str]:
         """Inputs of which something came too late of late, with the lateness that would have done so far."""
-        front = self._sequencer.courses.front_ns
-        late, needs = self._sequencer.late_ns, self._sequencer.needed_ns
-        recent = [topic for topic, at_ns in late.items() if front - at_ns < _RECENT_NS and needs[topic] < _BEARABLE_NS]
-        found = []
-        for topic in recent:
-            needed = needs[topic] * 1e-9 / (1 + self._inputs[topic].upstream)
-            found.append(f"{topic} comes late: with a lateness of {math.ceil(10 * needed) / 10:.1f} s nothing was lost")
-        return found
+        front, late = self._sequencer.courses.front_ns, self._sequencer.late_ns
+        recent = [topic for topic, at_ns in late.items() if front - at_ns < _RECENT_NS]
+        needs = {t: self._sequencer.needed_ns[t] * 1e-9 / (1 + self._inputs[t].upstream) for t in recent}
+        names = [topic for topic, needed in needs.items() if needed < _BEARABLE]
+        if not names:
+            return []
+        needed = math.ceil(10 * max(needs[topic] for topic in names)) / 10
+        return [f"{', '.join(names)} came too late: with a lateness of {needed:.1f} s nothing would have been lost"]
 
 
 def _cure(topic: str, offset: float) -> str:
@@ -129,5 +128,5 @@ _NOTICED = 0.2  # s
 _WINDOW_NS = 3_000_000_000
 _SILENT = 5.0  # s
 _RECENT_NS = 30_000_000_000
-_BEARABLE_NS = 60_000_000_000  # more is no lateness, but another clock
+_BEARABLE = 60.0  # more is no lateness, but another clock
 _FEW = 2  # messages off their course

@@ -50,7 +50,7 @@ def extraction() -> Picture:
     legend_below(figure, axes[-1, 0])
     caption = (
         "A frame of the harbour scenario: the pressure, and in each pinger's band the level over the noise floor, mean "
-        "logarithm over a pulse length. What passes the threshold is a ping, shaded where the node takes it to be, and "
+        "logarithm over a pulse length. Pings are shaded where the node takes them to be, and "
         "the band says whose (Choi et al. 2016, fig. 1). The later humps are the same ping over surface and seabed: "
         "they repeat with it, and come after it."
     )
@@ -67,7 +67,6 @@ def _band(axis: Any, level: AnyArray, rate: float, begins: list[float]) -> None:
     window = round(config.detection.pulse_length * rate)
     mean = np.convolve(level - DB * (math.log(2.0) + 1.0 - np.euler_gamma), np.full(window, 1.0 / window), "valid")
     axis.plot((np.arange(mean.size) + window / 2) / rate * 1e3, mean, color=BLUE, label="level over the noise floor")
-    axis.axhline(config.detection.threshold, color=RED, linestyle="--", linewidth=1.0, label="threshold")
     for begin in begins:
         end = begin + config.detection.pulse_length * 1e3
         axis.axvspan(begin, end, color=ORANGE, alpha=0.3, linewidth=0, label="ping")
@@ -185,4 +184,4 @@ def _after(filter_: str, case: MultipathChannel, seed: int, count: int) -> Itera
 
 
 def _state(node: BearingEstimator) -> object:
-    return next(iter(node.tracks[0].filters.values()))
+    return node.tracks[0].filter

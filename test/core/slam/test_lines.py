@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from uw_acoustic_loc.core.slam.landmark import Lines, Pose
+from uw_acoustic_loc.core.slam.lines import Lines, Pose
 
 
 def test_meeting_moves_with_the_biases_as_the_finite_differences_say():

@@ -1,0 +1,1 @@
+"""A pair of hydrophones as a recorded run shows it: delay offset, spacing, yaw and polarity."""
