@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 
 from ..contract import ANY_ID, Emission, Input, Output, Stage, Status
 from ..core.bearing.config import BearingConfig
-from ..core.bearing.estimator import BearingEstimator, SourceTrack
+from ..core.bearing.estimator import BearingEstimator, SourceReport
 from ..core.types import HydrophoneInfo, Odometry, Samples
 from ..topics import known
 
 _INFO, _SAMPLES, _ODOMETRY = known("hydrophones/info"), known("hydrophones/samples"), known("odometry")
 _BEARING, _PARTICLES = known("sources/<id>/bearing"), known("sources/<id>/particles")
 _CLOUD_PERIOD_NS = 500_000_000
-_SILENT_NS = 5_000_000_000  # a source that has not been heard for this long is missed
+_SILENT = 5.0  # s; a source that has not been heard for this long is missed
 
 
 class BearingStage(Stage):
@@ -62,11 +62,12 @@ class BearingStage(Stage):
         if e is None:
             return Status(Status.WARN, "waiting for hydrophones/info")
         values = _frames(e)
-        for k, name in enumerate(self._config.source_ids):
-            values |= {f"{name}.{key}": value for key, value in _source(e, k).items()}
+        reports = {name: e.report(k) for k, name in enumerate(self._config.source_ids)}
+        for name, report in reports.items():
+            values |= {f"{name}.{key}": value for key, value in _source(report).items()}
         warnings = e.health.faults if e.frames else []
-        if silent := [n for n, t in zip(self._config.source_ids, e.tracks, strict=True) if _silent(e, t)]:
-            warnings.append(f"not heard for {_SILENT_NS * 1e-9:g} s: {', '.join(silent)}")
+        if silent := [name for name, report in reports.items() if report.silent > _SILENT]:
+            warnings.append(f"not heard for {_SILENT:g} s: {', '.join(silent)}")
         return Status(Status.WARN, "; ".join(warnings), values) if warnings else Status(values=values)
 
     def _end_ns(self, frame: Samples) -> int:
@@ -105,6 +106,7 @@ Numbers = dict[str, float | int | str]
 
 def _frames(e: BearingEstimator) -> Numbers:
     values: Numbers = {"frames": e.frames, "gaps": e.listener.gaps, "overlaps": e.listener.overlaps}
+    values["stamp_jitter_ms"] = 1e3 * e.listener.jitter
     for k in (0, 1):
         values |= {f"h{k}.full_scale": e.health.full_scale[k], f"h{k}.dead_frames": e.health.dead_frames[k]}
         values[f"h{k}.clicks"] = int(e.listener.clicks[k])
@@ -113,17 +115,8 @@ def _frames(e: BearingEstimator) -> Numbers:
     return values
 
 
-def _source(e: BearingEstimator, k: int) -> Numbers:
-    track, ear = e.tracks[k], e.listener.ears[k]
-    values: Numbers = {"pings": track.pings, "echoes": ear.echoes, "too_short": e.listener.detector.too_short[k]}
-    values["rate_hz"] = track.pings / max((e.end_ns - e.begin_ns) * 1e-9, 1e-9)
-    values |= {"period_s": ear.schedule.period, "clipped": track.clipped}
-    if track.pings:
-        values["snr_db"] = track.snr_db
-    if e.frames:
-        values |= {"noise_floor_db": e.listener.noise_db(k), "std_deg": math.degrees(track.std)}
-    return values
-
-
-def _silent(e: BearingEstimator, track: SourceTrack) -> bool:
-    return e.end_ns - (track.heard_ns or e.begin_ns) > _SILENT_NS
+def _source(r: SourceReport) -> Numbers:
+    values: Numbers = {"pings": r.pings, "echoes": r.echoes, "too_short": r.too_short, "rate_hz": r.rate}
+    values |= {"period_s": r.period, "clipped": r.clipped, "lobes": r.lobes}
+    measured = {"snr_db": r.snr_db, "noise_floor_db": r.noise_db, "std_deg": math.degrees(r.std)}
+    return values | {key: value for key, value in measured.items() if math.isfinite(value)}

@@ -211,7 +211,7 @@ class PingDetector:
         return np.asarray((power / usual).max(axis=1), dtype=np.float64)
 
     def _onset(self, block: Block, start: int, size: int, longest: int) -> Onset:
-        """Where the energy changes most, near a window: echoes pull that late, the change is the direct path's."""
+        """Where the energy changes most, near a window that echoes pull late: the change is the direct path's."""
         first = start
         for _ in range(_BACK):  # to where it was quiet
             first = max(0, first - longest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from .config import BearingConfig
 from .filters import HistogramFilter, LastPeak, ParticleFilter, PeakLikelihood, angle_variance, lobe_width
 from .hydrophone_health import HydrophoneHealth
 from .listener import Heard, Listener, check_frame, check_info
+from .tdoa_likelihood import OUTLIER, SURE
 
 _HEADING_STD = 0.03  # rad/s, errors of the odometry's turn and of all else that the motion model leaves out
 _LARGEST_SPREAD = 0.3  # rad per prediction; a few of them and a source may be anywhere
@@ -41,6 +43,22 @@ class SourceTrack:
     def std(self) -> float:
         """rad, of the bearing as it is known now."""
         return math.sqrt(self.filter.estimate()[1])
+
+
+class SourceReport(NamedTuple):
+    """What diagnostics show of a source."""
+
+    pings: int
+    echoes: int
+    too_short: int
+    rate: float  # Hz
+    period: float  # s, 0 while it is not known
+    clipped: int
+    lobes: int  # carrier cycles among which the TDOA may lie; 1 = no ambiguity
+    snr_db: float  # NaN before the first ping, as the next two before the first frame
+    noise_db: float  # re 1 Pa rms
+    std: float  # rad
+    silent: float  # s since the last ping, or the first frame
 
 
 class BearingEstimator:
@@ -80,6 +98,24 @@ class BearingEstimator:
         if config.filter != before:
             for k, track in enumerate(self.tracks):
                 track.filter = self._successor(k, track.filter)
+
+    def report(self, source: int) -> SourceReport:
+        """Of a source, up to now."""
+        track, listener = self.tracks[source], self.listener
+        ear, noise_db = listener.ears[source], listener.noise_db(source) if self.frames else math.nan
+        return SourceReport(
+            track.pings,
+            ear.echoes,
+            listener.detector.too_short[source],
+            track.pings / max((self.end_ns - self.begin_ns) * 1e-9, 1e-9),
+            ear.schedule.period,
+            track.clipped,
+            listener.lobes(source),
+            track.snr_db,
+            noise_db,
+            track.std if self.frames else math.nan,
+            (self.end_ns - (track.heard_ns or self.begin_ns)) * 1e-9,
+        )
 
     def move(self, odometry: Odometry) -> None:
         """The vehicle's motion up to now.
@@ -128,10 +164,8 @@ class BearingEstimator:
         if c.filter == "histogram":
             return HistogramFilter(self._info.spacing, self._sound_speed, lobe, c.array.sides)
         rng = np.random.default_rng([c.seed, source])
-        ranges = (c.source.range_min, c.source.range_max)
-        return ParticleFilter(
-            self._info.spacing, self._sound_speed, ranges, c.source.particles, rng, lobe, c.array.sides
-        )
+        ranges, count = (c.source.range_min, c.source.range_max), c.source.particles
+        return ParticleFilter(self._info.spacing, self._sound_speed, ranges, count, rng, lobe, c.array.sides)
 
     def _successor(self, source: int, old: BearingFilter) -> BearingFilter:
         """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
@@ -151,7 +185,8 @@ class BearingEstimator:
         track, c = self.tracks[ping.source], self._config
         phase_std = c.noise.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
         track.tdoa_std = math.hypot(phase_std, ping.echo_std)
-        likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.noise.height_std, self._max_lag)
+        outlier = SURE if self.listener.lobes(ping.source) == 1 else OUTLIER
+        likelihood = PeakLikelihood.of(ping.correlation, track.tdoa_std, c.noise.height_std, self._max_lag, outlier)
         track.pings += 1
         track.clipped += bool(abs(ping.correlation.tdoas[0]) >= self._max_lag)
         track.snr_db = ping.snr_db

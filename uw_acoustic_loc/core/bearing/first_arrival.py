@@ -20,6 +20,7 @@ from .gcc import Correlation
 _SHORTEST = 0.25e-3  # s, of the windows
 _LAGS = 4.0  # times the array's largest lag that a window lasts at least: both hydrophones hear the same of the ping
 _MEMORY = 0.9  # weight of a ping in the memory of the next
+_EARLY = 0.25  # of what echoes add to the second window's variance, is in the first one's too
 _SIGNIFICANT = 3.0  # standard deviations by which echoes must surpass noise
 
 
@@ -58,7 +59,8 @@ class FirstArrival:
         echoes = self._echoes(steps, expected)
         total = noise + np.concatenate([[0.0], np.cumsum(echoes)])
         index = int(total.argmin())
-        return Choice(index, math.sqrt(float(total[index] - noise[index]) + self._unknown(expected, index)))
+        early = _EARLY * max(float(self._seen[0] - self._noise[0]), 0.0) if self._seen.size else 0.0
+        return Choice(index, math.sqrt(float(total[index] - noise[index]) + self._unknown(expected, index) + early))
 
     def _echoes(self, steps: Array, expected: Array) -> Array:
         """Takes a ping's steps; (n,) rad^2 that each adds to the variance."""

@@ -80,6 +80,11 @@ class Listener:
         return self._joiner.gaps
 
     @property
+    def jitter(self) -> float:
+        """s, of the frames' stamps against the count of samples."""
+        return self._joiner.jitter
+
+    @property
     def overlaps(self) -> int:
         """Frames that began before the one before ends, or that were sent again."""
         return self._joiner.overlaps

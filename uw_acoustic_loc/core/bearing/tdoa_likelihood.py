@@ -10,7 +10,8 @@ import numpy as np
 from ..types import AnyArray, Array
 from .gcc import Correlation
 
-_OUTLIER = 0.05  # probability that no maximum of a correlation belongs to the direct path
+OUTLIER = 0.05  # probability that no maximum of a correlation belongs to the direct path
+SURE = 0.002  # the same for the only lobe of a short array, in the part that echoes have not reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +27,12 @@ class PeakLikelihood:
     weights: Array  # (P,) sum 1
     std: float  # s
     max_lag: float  # s
+    outlier: float = OUTLIER
 
     @classmethod
-    def of(cls, found: Correlation, std_floor: float, height_std: float, max_lag: float) -> PeakLikelihood:
+    def of(
+        cls, found: Correlation, std_floor: float, height_std: float, max_lag: float, outlier: float = OUTLIER
+    ) -> PeakLikelihood:
         """From a correlation; `height_std` is that of a maximum's relative height through echoes.
 
         A maximum beyond the largest possible lag means end-fire.
@@ -38,17 +42,17 @@ class PeakLikelihood:
         order = found.tdoas.argsort()
         weights = np.exp((found.heights - found.heights[0]) / spread).take(order)
         tdoas = np.minimum(np.maximum(found.tdoas.take(order), -max_lag), max_lag)
-        return cls(tdoas, weights / weights.sum(), std, max_lag)
+        return cls(tdoas, weights / weights.sum(), std, max_lag, outlier)
 
     @property
     def floor(self) -> float:
         """Density of the uniform part, 1/s."""
-        return _OUTLIER / (2.0 * self.max_lag)
+        return self.outlier / (2.0 * self.max_lag)
 
     def nearest(self, tdoas: AnyArray) -> tuple[AnyArray, AnyArray]:
         """(n,) share of the maximum next to each TDOA, and how far off it is in s."""
         owner = (0.5 * (self.tdoas[1:] + self.tdoas[:-1])).astype(tdoas.dtype).searchsorted(tdoas)
-        shares = ((1.0 - _OUTLIER) * self.weights).astype(tdoas.dtype)
+        shares = ((1.0 - self.outlier) * self.weights).astype(tdoas.dtype)
         centres = self.tdoas.astype(tdoas.dtype)
         return shares.take(owner, mode="clip"), centres.take(owner, mode="clip") - tdoas
 
@@ -65,7 +69,7 @@ class PeakLikelihood:
         """
         choice = self.weights.cumsum()[:-1].searchsorted(np.arange(rng.random(), count) / count)
         drawn = self.tdoas.take(choice) + self.std * rng.standard_normal(count)
-        anywhere = drawn[:: round(1.0 / _OUTLIER)]
+        anywhere = drawn[:: round(1.0 / self.outlier)]
         anywhere[:] = rng.uniform(-self.max_lag, self.max_lag, anywhere.size)
         folded = np.where(np.abs(drawn) > self.max_lag, np.copysign(2.0 * self.max_lag, drawn) - drawn, drawn)
         return np.minimum(np.maximum(folded, -self.max_lag), self.max_lag)
