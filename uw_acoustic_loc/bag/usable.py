@@ -73,7 +73,7 @@ def _stages() -> tuple[list[ResolvedStage], list[Use]]:
 
 
 class _Kinds:
-    """Which topic holds messages of which core type: the first message tells."""
+    """Which topic holds messages of which core type, by its first message."""
 
     def __init__(self, found: Survey) -> None:
         self.found = found

@@ -19,7 +19,7 @@ _SILENT = 5.0  # s; a source that has not been heard for this long is missed
 
 
 class BearingStage(Stage):
-    """Waits for hydrophones/info; another info starts anew."""
+    """Waits for hydrophones/info; another info restarts it."""
 
     Config: ClassVar[type] = BearingConfig
     any_id: ClassVar[Mapping[str, Any]] = {"source_ids": [ANY_ID], "band_low": [1e3], "band_high": [2e3]}

@@ -35,20 +35,20 @@ class Refusal:
 
 
 class Runner:
-    """One stage with its inputs in order. `make_stage` builds it anew when the clock is set back.
+    """One stage with its inputs in order. `make_stage` builds another one when the clock is set back.
 
     `counts` has per topic what was received, used, published, repeated, and not used, by why
-    (`REFUSED`); `tell` is called with each Refusal. `inputs` has what is set of an input, by topic.
+    (`REFUSED`); `report` is called with each Refusal. `inputs` has what is set of an input, by topic.
     """
 
     def __init__(
         self,
         make_stage: Callable[[], Stage],
         lateness: float,
-        tell: Callable[[Refusal], None],
+        report: Callable[[Refusal], None],
         inputs: Mapping[str, InputConfig] | None = None,
     ) -> None:
-        self._make_stage, self._tell = make_stage, tell
+        self._make_stage, self._report = make_stage, report
         self.counts: Counter[tuple[str, str]] = Counter()
         self.stage = make_stage()
         self._inputs = {i.topic: i for i in self.stage.inputs}
@@ -158,7 +158,7 @@ class Runner:
 
     def _restart(self, start: list[tuple[str, int, Any]]) -> list[Emission]:
         emissions = self.flush()  # what still waits belongs to the old run
-        self._tell(Refusal(start[0][0], f"the clock was set back to {start[0][1]} ns: the estimator restarts"))
+        self._report(Refusal(start[0][0], f"the clock was set back to {start[0][1]} ns: the estimator restarts"))
         self.counts["", "restarts"] += 1
         self._sequencer.clear()
         self._watch.clear()
@@ -207,7 +207,7 @@ class Runner:
     def _refuse(self, count: str, topic: str, sentence: str) -> None:
         self._first_refusal = self._first_refusal or f"{topic}: {sentence}"
         self.counts[topic, count] += 1
-        self._tell(Refusal(topic, sentence))
+        self._report(Refusal(topic, sentence))
 
 
 # Why messages are not used: refused by the stage; unreadable, in another frame or beyond physics; after later stamps

@@ -101,7 +101,7 @@ class Course:
         self.push_ns, self.last_ns = min(t_ns - self.lateness_ns, self.last_ns), t_ns
 
     def step(self, t_ns: int, shift_ns: int) -> None:
-        """Begins anew at a stamp, which has been shifted like all that follow."""
+        """Restarts at a stamp, which has been shifted like all that follow."""
         self.shift_ns += shift_ns
         self.last_ns, self.push_ns = t_ns, NEVER
 

@@ -56,7 +56,7 @@ def _covariance(values: Array) -> Array:
     """(n, n) of a message's n * n numbers; usable ones stay as they are.
 
     -1 in the first place makes all of it unknown; elsewhere a negative or NaN variance is unknown by itself. A huge
-    one is cut to a number that tells no more, as infinity does. Neither has covariances with the others.
+    one is cut to a number that means no information, as infinity does. Neither has covariances with the others.
     """
     size = math.isqrt(values.size)
     cov = values.reshape(size, size)

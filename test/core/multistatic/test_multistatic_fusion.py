@@ -136,7 +136,7 @@ def test_a_vague_tracks_sighting_is_the_fix_of_its_detections():
         target = rng.uniform(-4000, 4000, 2)
         echoes = echoes_of([target], rng)
         (fix,) = fusion.fixes(echoes)
-        (seen,) = PingScan(fusion, echoes).claim([track(*(target + rng.normal(0, 100, 2)), std=100.0)])
+        (seen,) = PingScan(fusion, echoes).assign([track(*(target + rng.normal(0, 100, 2)), std=100.0)])
         apart = seen.position - fix.position
         assert apart @ np.linalg.solve(fix.cov, apart) < 0.1**2  # a tenth of a standard deviation
         np.testing.assert_allclose(seen.cov, fix.cov, rtol=0.15, atol=0.05 * np.trace(fix.cov))
@@ -147,12 +147,12 @@ def test_tracks_claim_each_receivers_detections_and_the_rest_makes_fixes():
     rng, fusion = np.random.default_rng(7), Fusion(NET, MultistaticConfig())
     targets = [(2600.0, 1400.0), (-1500.0, 1500.0), (100.0, -2500.0)]
     scan = PingScan(fusion, echoes_of(targets, rng, misses=[0, 3]))  # the first target's echo at one receiver is left
-    claimed = scan.claim([track(*targets[1]), track(*targets[0])])
+    claimed = scan.assign([track(*targets[1]), track(*targets[0])])
     for seen, target in zip(claimed, [targets[1], targets[0]], strict=True):
         error = seen.position - target
         assert error @ np.linalg.solve(seen.cov, error) < 20
     assert np.linalg.det(claimed[1].cov) > 4 * np.linalg.det(claimed[0].cov)
-    assert scan.claim([track(*targets[0])]) == [None]
+    assert scan.assign([track(*targets[0])]) == [None]
     (left,) = scan.rest()
     assert np.hypot(*(left.position - targets[2])) < 200
 
@@ -160,14 +160,14 @@ def test_tracks_claim_each_receivers_detections_and_the_rest_makes_fixes():
 def test_a_tentative_track_needs_as_many_receivers_as_a_fix():
     rng, target = np.random.default_rng(8), (2600.0, 1400.0)
     scan = PingScan(Fusion(NET, MultistaticConfig()), echoes_of([target], rng, misses=[0, 1]))
-    assert scan.claim([track(*target, number=0)]) == [None]
-    assert scan.claim([track(*target)]) != [None]
+    assert scan.assign([track(*target, number=0)]) == [None]
+    assert scan.assign([track(*target)]) != [None]
 
 
 def test_a_receiver_upon_whose_baseline_the_track_lies_leaves_its_distance_open():
     rng = np.random.default_rng(9)
     scan = PingScan(Fusion(NET, MultistaticConfig()), echoes_of([(1000.0, 0.5)], rng, misses=[1, 2]))
-    (seen,) = scan.claim([track(1000.0, 0.0)])
+    (seen,) = scan.assign([track(1000.0, 0.0)])
     assert np.sqrt(seen.cov[0, 0]) > 1000
     assert np.sqrt(seen.cov[1, 1]) < 40
 

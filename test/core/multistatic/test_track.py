@@ -28,7 +28,7 @@ class Points:
     def __init__(self, *sightings):
         self.left = list(sightings)
 
-    def claim(self, tracks):
+    def assign(self, tracks):
         fit = np.array([[self._fit(t, s) for s in self.left] for t in tracks]).reshape(len(tracks), len(self.left), 2)
         pairs = assign(fit[..., 0], fit[..., 1], chi_square_limit(4.0, 2))
         claimed = [self.left[pairs[i]] if i in pairs else None for i in range(len(tracks))]

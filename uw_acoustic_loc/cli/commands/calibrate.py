@@ -34,7 +34,7 @@ def add(parser: ArgumentParser) -> None:
         "direction in base_link, counter-clockwise from ahead, of a clap or a tone far from the vehicle that lies still"
     )
     parser.add_argument("--bearing", type=float, default=math.nan, metavar="DEG", help=at)
-    hold = "a parameter that keeps the graph's value; with --bearing, where one direction tells one number, the default"
+    hold = "a parameter that keeps the graph's value; with --bearing, where one direction gives one number, the default"
     parser.add_argument(
         "--hold", action="append", choices=_HOLDABLE, metavar="PARAMETER", help=f"{hold} is all but delay_offset"
     )

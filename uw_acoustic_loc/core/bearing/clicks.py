@@ -13,7 +13,7 @@ _LIMIT = 4.0  # times the mean around, what is left of a click
 
 
 def click_block(sample_rate: float, pulse_length: float) -> int:
-    """Samples of a block; 0 for pings too short to be told from clicks."""
+    """Samples of a block; 0 for pings too short to be separated from clicks."""
     size = round(min(_BLOCK, pulse_length / 4) * sample_rate)
     return size if size >= _FEWEST else 0
 

@@ -140,7 +140,7 @@ class BearingConfig:
         return list(zip(self.band_low, self.band_high, strict=True))
 
     def timing(self, sound_speed: float, max_lag: float) -> Timing:
-        """Of the pings. Half a pulse length of jitter: nearer echoes are not told apart from the ping anyway.
+        """Of the pings. Half a pulse length of jitter: nearer echoes cannot be separated from the ping anyway.
 
         A period learnt while the source comes nearer changes by twice the speed when it goes away. In a wide array the
         second hydrophone hears a ping up to `max_lag` after the first.

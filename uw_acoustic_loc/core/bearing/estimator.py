@@ -90,7 +90,7 @@ class BearingEstimator:
         """Takes over other bands, threshold and filter.
 
         A source whose band stays keeps all that is known of it; one whose band changes keeps its bearing, and learns
-        its noise floor and period anew. Another filter begins with the last one's estimate of each source.
+        its noise floor and period again. Another filter begins with the last one's estimate of each source.
         """
         if config.bands != self._config.bands:
             self.listener.tune(config.bands)
@@ -168,7 +168,7 @@ class BearingEstimator:
         return ParticleFilter(self._info.spacing, self._sound_speed, ranges, count, rng, lobe, c.array.sides)
 
     def _successor(self, source: int, old: BearingFilter) -> BearingFilter:
-        """A filter of the configured kind that begins with another's estimate; anew if that says nothing."""
+        """A filter of the configured kind that begins with another's estimate; from nothing where there is none."""
         new, (theta, variance) = self._filter(source), old.estimate()
         if variance < _USEFUL**2:
             std = self._max_lag * max(math.sin(theta), math.sqrt(variance)) * math.sqrt(variance)
@@ -181,7 +181,7 @@ class BearingEstimator:
         self.frames += 1
 
     def _bearings(self, ping: Heard) -> Iterator[tuple[int, Bearing]]:
-        """The correlation tells the bearing at the ping's middle; the turn since its beginning is taken back."""
+        """The correlation gives the bearing at the ping's middle; the turn since its beginning is taken back."""
         track, c = self.tracks[ping.source], self._config
         phase_std = c.noise.phase_std / math.sqrt(max(ping.correlation.curvature, 1.0))
         track.tdoa_std = math.hypot(phase_std, ping.echo_std)

@@ -36,7 +36,7 @@ class Heard:
 
 
 class Ear:
-    """What tells the pings of one band from their echoes, and the part of a ping that they have not reached."""
+    """What separates the pings of one band from their echoes, and the part of a ping that they have not reached."""
 
     def __init__(self, timing: Timing, arrival: FirstArrival) -> None:
         self.schedule, self.arrival = PingSchedule(timing), arrival

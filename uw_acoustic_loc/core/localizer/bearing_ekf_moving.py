@@ -40,7 +40,7 @@ class MovingBearingEkf:
         self._origin = np.full(log_ranges.size, self._observer)  # that each member is seen from
         self._line = np.exp(log_ranges + 1j * ray.bearing)
         self._rate = np.zeros(log_ranges.size, dtype=np.complex128)  # V / p
-        self._duration = self._turn = 0.0  # s and rad^2 that predict was told since the last update
+        self._duration = self._turn = 0.0  # s and rad^2 predicted since the last update
         bearing = ray.std**2 / ray.weight
         self._G = np.zeros((log_ranges.size, 2, 2), dtype=np.complex128)
         self._Q = self._G.copy()

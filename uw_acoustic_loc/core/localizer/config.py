@@ -35,7 +35,7 @@ class LocalizerConfig:
         0.0, unit="m/s", low=0, high=100, doc="per axis, of a source on a straight course; 0 = still; for the ekf"
     )
     gate_sigma: float = param(5.0, unit="sigma", low=1, changeable=True, doc="bearings beyond this are not used")
-    reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the source anew")
+    reset_after: int = param(30, low=2, doc="so many unused bearings in a row restart the source")
     odometry_timeout: float = param(1.0, unit="s", low=0.01, doc="bearings need odometry not older than this")
     odometry_jump: float = param(
         RESET_MOVE, unit="m", low=0.01, doc="odometry this far (and 3 m/s) off its own velocity was reset or glitched"

@@ -40,7 +40,7 @@ def intersect(origins: Array, bearings: Array, variances: Array) -> PlanarFix | 
     """Where lines from `origins` (n, 2) meet (`nearest`); None when they are parallel within their noise.
 
     Parallel means: the range is uncertain by more than half of itself, or the lines meet behind the observer. Whether
-    they all meet there, `fits` tells.
+    they all meet there, `fits` decides.
     """
     fix = nearest(origins, bearings, variances)
     return fix if fix is not None and meet(fix, origins, bearings) else None

@@ -1,4 +1,4 @@
-"""What the geometry does not tell of a source yet, and which turn of the vehicle would."""
+"""What the geometry does not show of a source yet, and which turn of the vehicle would."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .triangulation import PlanarFix
 def advice(source: SourceLocalizer, x: float, y: float, yaw: float) -> str:
     """One sentence for the vehicle at (x, y); empty when side and range are known.
 
-    Range: along the line of sight a bearing tells nothing, across it the most, so the course should be at least 60
+    Range: along the line of sight a bearing gives nothing, across it the most, so the course should be at least 60
     degrees off every place where the source may be (87 % of the most). Side: after the turn the angles from the array's
     axis should differ by 20 degrees, or by half of what the two places are apart; and it takes TELLING_TURN.
     """

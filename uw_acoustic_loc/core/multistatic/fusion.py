@@ -189,7 +189,7 @@ class PingScan:
         config = fusion.config
         self._claims = Claims(self._search.single, echoes.receiver, config.gate, config.sound_speed)
 
-    def claim(self, tracks: Sequence[Track]) -> list[Sighting | None]:
+    def assign(self, tracks: Sequence[Track]) -> list[Sighting | None]:
         """See `Scan`."""
         claimed = self._claims.rows(tracks, self._free)
         return [self._take(track, rows) for track, rows in zip(tracks, claimed, strict=True)]

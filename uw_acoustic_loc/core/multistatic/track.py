@@ -46,7 +46,7 @@ class Track:
     means: Array  # (2, 4)
     covs: Array  # (2, 4, 4)
     shares: Array  # (2,) probabilities of the modes
-    seen_ns: int  # the last ping with a sighting that was not lone
+    seen_ns: int  # the last ping with a sighting that was not isolated
     history: tuple[bool, ...]  # sighted or not, at most the last N pings
 
     @classmethod
@@ -118,7 +118,7 @@ _TINY = 1e-12  # no mode is impossible
 class Scan(Protocol):
     """What one ping shows."""
 
-    def claim(self, tracks: Sequence[Track]) -> Sequence[Sighting | None]:
+    def assign(self, tracks: Sequence[Track]) -> Sequence[Sighting | None]:
         """What tracks that are predicted to the ping see of their targets, which is then gone for others."""
 
     def rest(self) -> Iterable[Sighting]:
@@ -128,9 +128,9 @@ class Scan(Protocol):
 class Tracker:
     """`step` takes what one ping shows and returns the confirmed tracks at the ping's stamp.
 
-    Confirmed tracks choose before tentative ones. A lone sighting among misses, as a false alarm gives it, does not
-    prolong a track's life. A tentative track is dropped as soon as it can no longer collect M
-    sightings in its first N pings.
+    Confirmed tracks choose before tentative ones. An isolated sighting among misses, as a false alarm gives it, does
+    not prolong a track's life. A tentative track is dropped as soon as it can no longer collect M sightings in its
+    first N pings.
     """
 
     def __init__(self, rules: TrackRules) -> None:
@@ -169,7 +169,7 @@ class Tracker:
 
     def _update(self, tracks: list[Track], confirmed: bool, scan: Scan, t_ns: int) -> list[Track]:
         group = [track for track in tracks if (track.id > 0) is confirmed]
-        pairs = list(zip(group, scan.claim(group), strict=True))
+        pairs = list(zip(group, scan.assign(group), strict=True))
         if confirmed:
             self.nis = tuple(track.nis(seen) for track, seen in pairs if seen)
         return [self._carry_on(track, seen, t_ns) for track, seen in pairs]
@@ -178,8 +178,8 @@ class Tracker:
         history = (*track.history, sighting is not None)[-self.rules.confirm_pings :]
         if sighting is None:
             return replace(track, history=history)
-        lone = sum(history) < min(2, self.rules.confirm_hits)
-        return replace(track.update(sighting), history=history, seen_ns=track.seen_ns if lone else t_ns)
+        isolated = sum(history) < min(2, self.rules.confirm_hits)
+        return replace(track.update(sighting), history=history, seen_ns=track.seen_ns if isolated else t_ns)
 
     def _begin(self, sighting: Sighting, t_ns: int) -> Track:
         cov = np.zeros((4, 4))

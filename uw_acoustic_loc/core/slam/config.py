@@ -38,7 +38,7 @@ class SlamConfig:
     dvl_bias_std: float = param(0.005, unit="m/s", low=0, doc="constant, per axis")
     tilt_std: float = param(0.02, unit="rad", low=1e-6, doc="how level the vehicle is at the start")
     gate_sigma: float = param(5.0, unit="sigma", low=1, changeable=True, doc="measurements beyond this are not used")
-    reset_after: int = param(30, low=2, doc="so many unused bearings in a row start the pinger anew")
+    reset_after: int = param(30, low=2, doc="so many unused bearings in a row restart the pinger")
     imu_timeout: float = param(0.5, unit="s", low=0.01, doc="DVL and bearings need an IMU message not older than this")
     seed: int = param(1, low=0)
 

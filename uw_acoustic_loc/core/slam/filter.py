@@ -142,7 +142,7 @@ class Slam:
             self._lose("bearings of most known pingers do not fit")
 
     def _relocate(self, relocation: Relocation, landmark: Landmark, bearing: Bearing, variance: float) -> None:
-        """Bearings of known pingers tell where the vehicle is; those of others wait until then."""
+        """Bearings of known pingers locate the vehicle; those of others wait until then."""
         if landmark.slot is None:
             return
         images = tuple(images_of(bearing.bearing, self.config))

@@ -53,7 +53,7 @@ class Landmark:
             self._try_to_start(config, raw)
 
     def drop_lines(self) -> None:
-        """Begins anew with a pinger whose position is not known yet."""
+        """Restarts a pinger whose position is not known yet."""
         self._sides = []
 
     def _correct(

@@ -17,8 +17,8 @@ from .lines import Estimate
 class SlamPasses:
     """As many passes over the first minutes as the yaw gyro's bias needs; `slam` is the latest that is complete.
 
-    Until a pinger is known, or its lines meet at another bias only, nothing tells of the bias: the track is drawn, and
-    linearised, with that of the prior. When the bias proves to lie elsewhere, a pass linearised there goes through all
+    Until a pinger is known, or its lines meet at another bias only, nothing is known of the bias: the track is drawn,
+    and linearised, with that of the prior. When the bias proves to lie elsewhere, a pass linearised there goes through all
     measurements since the start, several to each new one, and takes over when it has caught up and knows the bias.
     """
 
@@ -108,7 +108,7 @@ class Pass:
 
 
 def _bias(slam: Slam, source_id: str) -> Estimate:
-    """The yaw gyro's bias as the filter has it, or as a pinger's lines have told it when they know better."""
+    """The yaw gyro's bias as the filter has it, or as a pinger's lines estimate it where they know it better."""
     lines, joint = slam.pingers[source_id].lines_bias, slam.joint
     known = Estimate(joint.mean.item(YAW_BIAS), joint.cov.item(YAW_BIAS, YAW_BIAS))
     return known if lines is None or known.variance < lines.variance else lines

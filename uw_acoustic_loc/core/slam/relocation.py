@@ -38,7 +38,7 @@ class Relocated:
 
 
 class Relocation:
-    """Gathers bearings since the vehicle was lost, until these tell its pose, and only one.
+    """Gathers bearings since the vehicle was lost, until these fit one pose, and only one.
 
     For every course the lines back from the pingers meet somewhere; Gauss-Newton on the angles follows from the best.
     The pose is taken when all bearings agree, when it is known well against the distances, and when no other place

@@ -80,7 +80,7 @@ class Acquisition:
     max_speed: float = param(20.0, unit="m/s", low=0.1, doc="no target is faster")
     start_epochs: int = param(5, low=1, high=50, doc="solved together at a start, before the filter goes on alone")
     lost_epochs: int = param(
-        3, low=1, doc="a target is acquired anew when half of what is heard was rejected so often in a row"
+        3, low=1, doc="a target is acquired again when half of what is heard was rejected so often in a row"
     )
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """Tracking a pinging target and the sound speed from times of arrival at buoys: extended Kalman filter (Choi 2025).
 
 Deviations from the paper: the gate is on the innovation's own standard deviation and can reopen, because a target
-with which half of the receivers have disagreed for some time is acquired anew; the first epochs are solved together.
+with which half of the receivers have disagreed for some time is acquired again; the first epochs are solved together.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ class Placing:
         return dataclasses.replace(value, bearing=wrap_angle(bearing), position=position)
 
     def _odometry(self, value: Odometry) -> Odometry:
-        """Of base_link instead of the place that the odometry tells of."""
+        """Of base_link instead of the place that the odometry is of."""
         world, quat = self._world, value.quat_xyzw
         if self._ned:
             quat = _product(_product(_NORTH_QUAT, quat), _DOWN_QUAT)

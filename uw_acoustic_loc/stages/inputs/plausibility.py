@@ -1,4 +1,4 @@
-"""Units and conventions that the data tell of: a warning with the likely reason, or a refusal beyond physics."""
+"""Units and conventions that show in the data: a warning with the likely reason, or a refusal beyond physics."""
 
 from __future__ import annotations
 
@@ -145,6 +145,6 @@ _SENTINELS = {
 _FASTEST = 30.0  # m/s
 _FARTHEST = 1e7  # m
 _SPINNING = 1.5  # rad/s on average of a window
-_HARDLY = 0.05**2  # rad^2/s^2, a turn that tells
+_HARDLY = 0.05**2  # rad^2/s^2, a turn that decides
 _WINDOW_NS = 2_000_000_000
 _FEWEST = 10  # messages

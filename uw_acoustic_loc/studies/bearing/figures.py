@@ -54,7 +54,7 @@ def _positions(seed: int) -> Picture:
     caption = (
         "Mean and standard deviation at each of 21 source positions on a line 41.2 m abeam, from right to left, "
         "against the bearing from the map (Shin et al. 2013, fig. 15); on the right the error with the filter. Channel "
-        f"with echoes and snaps, 20 to 30 kHz at 0 dB, {trials.POSITION_PINGS} pings, the filter begun anew at each "
+        f"with echoes and snaps, 20 to 30 kHz at 0 dB, {trials.POSITION_PINGS} pings, the filter restarted at each "
         f"position and the first {trials.SETTLING:g} s left out. The map knows azimuths; the array measures "
         "the angle from its axis, at the ends 0.27 degrees nearer to broadside because the source lies deeper, and the "
         "echoes, which come more steeply, pull the same way."

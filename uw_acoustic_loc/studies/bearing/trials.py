@@ -125,7 +125,7 @@ def clean_errors(snr_db: float, runs: int, seed: int) -> BearingErrors:
 def echo_errors(
     case: MultipathChannel, runs: int, seed: int, progress: Callable[[float], None]
 ) -> dict[str, BearingErrors]:
-    """Every filter on the same pings of a source that sweeps to and fro, the filters begun anew in each run."""
+    """Every filter on the same pings of a source that sweeps to and fro, the filters restarted in each run."""
     heard: list[PublishedBearing] = []
     for run in range(runs):
         heard += one_course(case, run, seed)[1]
@@ -156,7 +156,7 @@ def map_positions() -> Array:
 
 
 def position_bearings(filter_: str, seed: int) -> Array:
-    """(POSITIONS, 2) mean and standard deviation in rad of the bearings at each position, the filter begun anew."""
+    """(POSITIONS, 2) mean and standard deviation in rad of the bearings, the filter restarted at each position."""
     rows = []
     for k, (x, y) in enumerate(map_positions().T):
         scene = PingScene(WIDE.band, distance=math.hypot(x, y), multipath=True, impulses=WIDE.impulses)
