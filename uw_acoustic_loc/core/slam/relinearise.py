@@ -18,8 +18,9 @@ class SlamPasses:
     """As many passes over the first minutes as the yaw gyro's bias needs; `slam` is the latest that is complete.
 
     Until a pinger is known, or its lines meet at another bias only, nothing is known of the bias: the track is drawn,
-    and linearised, with that of the prior. When the bias proves to lie elsewhere, a pass linearised there goes through all
-    measurements since the start, several to each new one, and takes over when it has caught up and knows the bias.
+    and linearised, with that of the prior. When the bias proves to lie elsewhere, a pass linearised there goes
+    through all measurements since the start, several to each new one, and takes over when it has caught up and knows
+    the bias.
     """
 
     def __init__(self, config: SlamConfig) -> None:
