@@ -220,10 +220,16 @@ def test_the_program_takes_many_files_or_two_of_one_channel(tmp_path: Path, caps
 
 
 def test_memory_stays_flat(tmp_path: Path) -> None:
-    """200 MB of 24-bit samples; as a whole in float64 they would be 560 MB."""
-    with soundfile.SoundFile(tmp_path / "a.wav", "w", 192_000, 2, "PCM_24") as file:
-        block = RNG.uniform(-0.5, 0.5, (192_000, 2))
-        for _ in range(180):
+    """200 MB of 24-bit samples, in float64 560 MB, take little more than 1 s of sound."""
+    block = RNG.uniform(-0.5, 0.5, (192_000, 2))
+    short, long = (most_memory(tmp_path / f"{seconds}.wav", seconds, block) for seconds in (1, 180))
+    assert long < short + 60_000
+
+
+def most_memory(path: Path, seconds: int, block: np.ndarray) -> int:
+    """kB that converting takes at the most."""
+    with soundfile.SoundFile(path, "w", 192_000, 2, "PCM_24") as file:
+        for _ in range(seconds):
             file.write(block)
     script = """
 import resource, sys
@@ -231,49 +237,8 @@ from uw_acoustic_loc.cli.main import main
 code = main(["convert-wav", sys.argv[1], "-o", sys.argv[2], "--spacing", "0.6", "--start", "1700000000"])
 print(code, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
-    command = [sys.executable, "-c", script, tmp_path / "a.wav", tmp_path / "bag"]
+    command = [sys.executable, "-c", script, path, f"{path}_bag"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     code, kilobytes = map(int, done.stdout.split())
     assert code == 0
-    assert kilobytes < 200_000
-
-
-@pytest.mark.parametrize("year", ["1969", "2040", "9999"])
-def test_a_name_with_a_time_beyond_those_of_ros_is_refused(year: str, tmp_path: Path) -> None:
-    path = tmp_path / f"A_{year}0101_000000.wav"
-    soundfile.write(path, np.zeros((100, 2)), RATE)
-    with pytest.raises(ValueError, match="must begin after 1970-01-01 and end before 2038-01-19, it is from"):
-        convert_wav([path], tmp_path / "bag", replace(SETUP, start_ns=0))
-
-
-@pytest.mark.parametrize("rate", [1 << 31, 0xFFFFFFFF])
-def test_a_rate_that_no_sound_has_is_refused(rate: int, tmp_path: Path) -> None:
-    path = tmp_path / "a.wav"
-    soundfile.write(path, np.zeros((100, 2)), RATE)
-    content = bytearray(path.read_bytes())
-    content[24:28], content[40:44] = rate.to_bytes(4, "little"), bytes(4)  # and no length, so that it is repaired
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match="is not a sound file that can be read: its header makes no sense"):
-        open_sound(path)
-
-
-def test_a_stream_without_a_length_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.flac"
-    soundfile.write(path, np.zeros((100, 2)), RATE)
-    content = bytearray(path.read_bytes())
-    content[21] &= 0xF0  # the 36 bits of the number of samples
-    content[22:26] = bytes(4)
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match="has no length in its header, as of a stream"):
-        open_sound(path)
-
-
-def test_a_header_that_leads_out_of_the_file_makes_no_noise(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "a.caf"
-    soundfile.write(path, np.zeros((100, 2)), RATE, format="CAF", subtype="PCM_24")
-    whole = path.read_bytes()
-    for at in range(0, 100, 4):
-        path.write_bytes(whole[:at] + b"\xff\xff\xff\xff" + whole[at + 4 :])
-        with suppress(ValueError):
-            open_sound(path)
-    assert capfd.readouterr().err == ""
+    return kilobytes

@@ -11,7 +11,7 @@ from .bearing_ekf import BearingEkf, range_bank
 from .bearing_ekf_moving import MovingBearingEkf
 from .config import LocalizerConfig
 from .particles import BearingParticles
-from .triangulation import Drift, PlanarFix, Ray, Triangulation
+from .triangulation import NOT_PREDICTED, Drift, PlanarFix, Ray, Triangulation
 
 Estimator = Triangulation | BearingEkf | MovingBearingEkf | BearingParticles
 
@@ -54,6 +54,8 @@ class Hypothesis:
         if len(errors) == 1:
             return errors[0], 0.0
         own, other = errors[self._image], errors[1 - self._image]
+        if variance >= NOT_PREDICTED:  # no prediction that could doubt the side
+            return own, 0.0
         apart = (own - other) ** 2
         if apart < _TOLD_APART**2 * (variance + std**2):
             share = 1.0 / (1.0 + math.exp(max(-700.0, min(700.0, 0.5 * (other**2 - own**2) / (variance + std**2)))))

@@ -129,7 +129,7 @@ class Triangulation:
     def predicted_bearing(self, x: float, y: float) -> tuple[float, float]:
         """Absolute bearing of the source from a point, and its variance: the last line's until lines meet."""
         if self._fix is None:
-            return float(self._lines[self._count - 1, 2]), _NOT_PREDICTED
+            return float(self._lines[self._count - 1, 2]), NOT_PREDICTED
         dx, dy = self._fix.mean - (x, y)
         range_squared = float(dx * dx + dy * dy) + _TINY
         across = np.array([-dy, dx]) / range_squared
@@ -196,4 +196,4 @@ _ITERATIONS = 6
 _PARALLEL = 0.5  # std of the range, as a share of it
 _SINGULAR = 1e-12
 _TINY = 1e-12
-_NOT_PREDICTED = math.pi**2 / 3  # variance of a direction that is not known at all
+NOT_PREDICTED = math.pi**2 / 3  # variance of a direction that is not known at all
