@@ -43,8 +43,8 @@ def launch(folder: Path, graph: str, parameters: object, *arguments: str | Path)
         ({"mooring_ids": [""]}, "mooring_ids must be distinct names"),
         ({"mooring_ids": [1]}, "mooring_ids[0] must be a string, got 1"),
         ({"mooring_ids": []}, "mooring_ids must be distinct names, at least one"),
-        ({"mooring_ids": None}, "mooring_ids must be a list of str, got None"),
-        ({"mooring_ids": ["a"], "mass": None}, "mass must be a number, got None"),
+        ({"mooring_ids": None}, "mooring_ids must be a list of str, got 'null'"),
+        ({"mooring_ids": ["a"], "mass": None}, "mass must be a number, got 'null'"),
         (
             {"mooring_ids": ["a"], f"{OFFSET}.reliability": "sometimes"},
             "reliability must be reliable, best_effort, got",

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import fft
+from scipy.ndimage import maximum_filter1d
 
 from ..types import AnyArray, Array
 from .false_alarm import MEAN_LOG, bin_threshold, log_mean_threshold, tail
@@ -24,6 +26,8 @@ _QUIET, _QUIETER = (
 _QUANTILES = 1.12  # standard deviations between them
 _MODULATED = 6.0  # standard deviations of the noise's own level that a ping stands out of
 _HEADROOM = 6.0  # dB
+_LEAKAGE = 0.04  # of the energy of an abrupt edge, at the most, that another band gets
+_EDGE = 0.5e-3  # s within which an edge is abrupt
 _PARTS = 8  # of a window, of which the quieter half must be loud too
 _LASTING = 0.6  # of the window's own level, that the quieter half must reach
 _HALF_NORMAL = 0.8  # standard deviations by which the lower half of a normal distribution lies below its mean
@@ -116,6 +120,8 @@ class PingDetector:
         Where a ping is `due`, a lower threshold does for the same rate of false alarms.
         """
         energy, rate = energies(envelopes), envelopes.rate
+        if len(energy) > 1:
+            envelopes, energy = self._without_leakage(envelopes, energy)
         longest = max(4, round(self._pulse * rate))
         if energy.shape[1] < 2 * longest:
             return [[] for _ in self._last_ns]
@@ -126,6 +132,19 @@ class PingDetector:
             block = Block(t_ns, rate, width, envelopes, band, energy[band], level[band], risen.item(band))
             found.append(list(self._onsets(block, threshold_db, due[band])))
         return found
+
+    def _without_leakage(self, envelopes: Envelopes, energy: AnyArray) -> tuple[Envelopes, AnyArray]:
+        """What the abrupt edges of a louder ping in another band leave in a band, taken down to the noise floor."""
+        amplitude, reach = np.sqrt(energy), max(1, round(_EDGE * envelopes.rate))
+        step = np.zeros_like(energy)
+        step[:, reach:-reach] = np.square(amplitude[:, 2 * reach :] - amplitude[:, : -2 * reach])
+        step = maximum_filter1d(step, 4 * reach + 1, axis=1)
+        others = np.stack([np.delete(step, band, axis=0).max(axis=0) for band in range(len(energy))])
+        floor = np.exp(np.where(np.isnan(self._floor), np.log(energy + _SILENCE).mean(axis=1), self._floor))[:, None]
+        leaked = (energy < _LEAKAGE * others) & (energy > floor)
+        share = np.where(leaked, floor / np.maximum(energy, _SILENCE), 1.0).astype(energy.dtype)
+        values = envelopes.values * np.sqrt(share)[:, None, :]
+        return replace(envelopes, values=values), energy * share
 
     def _adapt(self, level: Array, window: int, envelopes: Envelopes) -> Array:
         """The noise floor is followed slowly, but no slower than two blocks that are louder throughout."""
