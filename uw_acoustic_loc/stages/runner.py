@@ -137,8 +137,11 @@ class Runner:
         return emissions
 
     def _repeated(self, topic: str, value: Any) -> bool:
-        """Whether a stream has said just this before, with this stamp."""
+        """Whether a stream has said just this before, with this stamp; what lies farther back is another run of it."""
         recent = self._recent[topic]
+        newest_ns = max((other.t_ns for other in recent), default=value.t_ns)
+        if newest_ns - value.t_ns > self._inputs[topic].rewind * 1e9:
+            recent.clear()
         if any(value.t_ns == other.t_ns and alike(other, value) for other in recent):
             return True
         recent.append(value)

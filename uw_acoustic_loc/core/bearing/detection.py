@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -25,6 +26,7 @@ _QUIET, _QUIETER = (
 )  # quantiles of the level that are taken as noise: pings and echoes may fill most of a block
 _QUANTILES = 1.12  # standard deviations between them
 _MODULATED = 6.0  # standard deviations of the noise's own level that a ping stands out of
+_BLOCKS = 20  # of whose spreads the median is taken
 _HEADROOM = 6.0  # dB
 _LEAKAGE = 0.04  # of the energy of an abrupt edge, at the most, that another band gets
 _EDGE = 0.5e-3  # s within which an edge is abrupt
@@ -37,6 +39,7 @@ _FEWEST = 8  # samples of a window in which tones are looked for
 _BACK, _QUIETLY = 3, 2.0  # pulse lengths that an onset is looked for before a window, and level over the floor
 _REACH = 0.5e-3  # s, by which the beginning in the band may be off
 _CLEAR = 4.0  # times the energy before, that a beginning needs to be seen in a wider band
+_LEAK, _SPLATTER = 10.0, 2e-3  # times the power in the band, and s in which it is compared with that beside
 _BEFORE = (6e-3, 1e-3)  # s before a ping, from which its noise is taken
 _SILENCE = 1e-30  # power that stands for digital silence
 _VAR_LOG = 0.6449  # of a log energy: trigamma(2)
@@ -73,7 +76,7 @@ class Block(NamedTuple):
     envelopes: Envelopes
     band: int
     energy: AnyArray  # (m,) of both channels
-    level: AnyArray  # (m,) its logarithm
+    level: AnyArray  # (m,) its logarithm, at most somewhat more than the highest threshold
     floor: float  # mean level of noise
 
     def noise(self, start: int) -> float:
@@ -96,6 +99,7 @@ class PingDetector:
         self._floor = np.zeros(bands)  # mean log energy of noise
         self._before = np.zeros(bands)  # of the block before
         self._spread = np.zeros(bands)  # variance of the level beyond that of steady noise
+        self._spreads: deque[Array] = deque(maxlen=_BLOCKS)
         self._bins: list[dict[int, Array]] = [{} for _ in range(bands)]  # per window size: noise power of each bin
         self._last_ns = [0] * bands
         self.too_short = [0] * bands  # loud enough, but no ping
@@ -106,6 +110,8 @@ class PingDetector:
         """Begins anew."""
         self._floor[band] = self._before[band] = math.nan
         self._spread[band], self._bins[band] = 0.0, {}
+        for spread in self._spreads:
+            spread[band] = 0.0
         self._last_ns[band], self.too_short[band] = -(1 << 62), 0
 
     def noise_power(self, band: int) -> float:
@@ -129,7 +135,10 @@ class PingDetector:
         risen = self._adapt(_means(level, longest)[:, :: max(1, longest // 8)], longest, envelopes)
         found = []
         for band, width in enumerate(envelopes.noise_width.tolist()):
-            block = Block(t_ns, rate, width, envelopes, band, energy[band], level[band], risen.item(band))
+            floor, windows = risen.item(band), _windows(longest, rate, width, self._alarms, threshold_db)
+            cap = floor + max(w.excess for w in windows) + _HEADROOM / DB
+            capped = np.minimum(level[band], np.float32(cap))
+            block = Block(t_ns, rate, width, envelopes, band, energy[band], capped, floor)
             found.append(list(self._onsets(block, threshold_db, due[band])))
         return found
 
@@ -153,7 +162,8 @@ class PingDetector:
         share = min(1.0, envelopes.values.shape[2] / envelopes.rate / _FLOOR_TIME)
         steady = 1.3 * _VAR_LOG * envelopes.rate / (window * envelopes.noise_width)
         spread = np.square((quiet - quieter) / _QUANTILES) - steady  # of single blocks also negative
-        self._spread += share * (spread - self._spread)
+        self._spreads.append(spread)
+        self._spread = np.median(self._spreads, axis=0)  # the echoes of a ping now and then are no modulation
         new = np.isnan(self._floor)
         self._floor = np.where(new, quiet, self._floor + share * (quiet - self._floor))
         risen = np.where(new, quiet, np.maximum(self._floor, np.minimum(self._before, quiet)))
@@ -194,11 +204,9 @@ class PingDetector:
             )
             for d in due
         ]
-        cap = block.floor + max(w.excess for w in windows) + _HEADROOM / DB
-        level = np.minimum(block.level, np.float32(cap))
         modulated = _MODULATED**2 * max(self._spread.item(block.band), 0.0)
         for k, window in enumerate(windows):
-            over = _means(level, window.size)[:count] - block.floor
+            over = _means(block.level, window.size)[:count] - block.floor
             limit = np.full(count, math.sqrt(window.excess**2 + modulated))
             for first, last, eased in gates:
                 limit[first:last] = math.sqrt(eased[k].excess ** 2 + modulated)
@@ -210,7 +218,9 @@ class PingDetector:
                 for first, last, eased in gates:
                     limit[first:last] = eased[k].power
                 limit = limit[::hop] * math.exp(math.sqrt(modulated))
-                _take_larger(excess, sizes, np.log(powers / limit[: powers.size]), -window.size, hop)
+                _take_larger(
+                    excess, sizes, np.minimum(np.log(powers / limit[: powers.size]), _HEADROOM / DB), -window.size, hop
+                )
         return excess, sizes
 
     def _tones(self, block: Block, size: int, hop: int) -> Array:
@@ -239,7 +249,7 @@ class PingDetector:
         last = min(block.energy.size, start + size)
         noise = max(math.exp(block.floor), float(block.energy[first : first + 3].mean()))
         onset = first + change_point(block.energy[first:last], noise, longest)
-        level = float(block.level[onset : onset + size].mean())
+        level = math.log(float(block.energy[onset : onset + size].mean()) + _SILENCE)
         return Onset(onset, block.t_ns + round(1e9 * onset / block.rate), size / block.rate, level, block.noise(onset))
 
     def refined(self, onset: Onset, band: int, wide: Envelopes, t_ns: int) -> Onset:
@@ -258,6 +268,25 @@ class PingDetector:
         if after < _CLEAR * before:
             start = middle
         return onset._replace(start=start, t_ns=t_ns + round(1e9 * start / rate))
+
+
+def leaks(onset: Onset, wide: Envelopes) -> bool:
+    """Whether a refined onset is the edge of a loud ping in another band: what came with it lies mostly beside its own.
+
+    Sound that was there before does not count.
+    """
+    x, size = wide.values[0], round(max(onset.length, _SPLATTER) * wide.rate)
+    now, before = x[:, onset.start : onset.start + size], x[:, max(0, onset.start - size) : onset.start]
+    freq = wide.base[0] + np.arange(size) * (wide.rate / size)
+    inside = (freq >= wide.bands[0, 0]) & (freq <= wide.bands[0, 1])
+    risen = _powers(now, size) - 2.0 * _powers(before, size)
+    return bool(risen[~inside].max(initial=0.0) > _LEAK * risen[inside].max(initial=0.0))
+
+
+def _powers(x: AnyArray, size: int) -> AnyArray:
+    """(size,) power of both channels' samples (2, n), n <= size, by frequency."""
+    spectra = fft.fft(x * np.hanning(x.shape[1]), size, axis=1)
+    return np.asarray((spectra.real**2 + spectra.imag**2).sum(axis=0))
 
 
 @lru_cache(maxsize=256)
@@ -309,12 +338,12 @@ def _take_larger(excess: Array, sizes: Array, other: Array, size: int, hop: int)
 
 def _lasts(block: Block, start: int, size: int, tone: bool) -> bool:
     """Whether the energy of a window is spread over its parts: the quieter half, as noise goes, is loud too."""
-    count = min(_PARTS, size)
-    parts = np.add.reduceat(block.energy[: start + size], np.arange(count) * size // count + start)
-    if np.sort(parts)[-(count // 4) :].sum() > _CONCENTRATED * parts.sum():
+    energy = np.sort(block.energy[start : start + size])
+    if energy[-max(1, size // 4) :].sum() > _CONCENTRATED * energy.sum():
         return False
     if tone:
         return True
+    count = min(_PARTS, size)
     edges = np.arange(count + 1) * size // count + start
     quieter = np.sort(np.add.reduceat(block.level[: start + size], edges[:-1]) / np.diff(edges))[: count // 2].mean()
     mean = block.level[start : start + size].mean()
