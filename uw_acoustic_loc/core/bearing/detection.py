@@ -126,13 +126,14 @@ class PingDetector:
         Where a ping is `due`, a lower threshold does for the same rate of false alarms.
         """
         energy, rate = energies(envelopes), envelopes.rate
-        if len(energy) > 1:
-            envelopes, energy = self._without_leakage(envelopes, energy)
         longest = max(4, round(self._pulse * rate))
         if energy.shape[1] < 2 * longest:
             return [[] for _ in self._last_ns]
         level = np.log(energy + np.float32(_SILENCE))
         risen = self._adapt(_means(level, longest)[:, :: max(1, longest // 8)], longest, envelopes)
+        if len(energy) > 1:
+            envelopes, energy = self._without_leakage(envelopes, energy)
+            level = np.log(energy + np.float32(_SILENCE))
         found = []
         for band, width in enumerate(envelopes.noise_width.tolist()):
             floor, windows = risen.item(band), _windows(longest, rate, width, self._alarms, threshold_db)
@@ -149,7 +150,7 @@ class PingDetector:
         step[:, reach:-reach] = np.square(amplitude[:, 2 * reach :] - amplitude[:, : -2 * reach])
         step = maximum_filter1d(step, 4 * reach + 1, axis=1)
         others = np.stack([np.delete(step, band, axis=0).max(axis=0) for band in range(len(energy))])
-        floor = np.exp(np.where(np.isnan(self._floor), np.log(energy + _SILENCE).mean(axis=1), self._floor))[:, None]
+        floor = np.exp(self._floor)[:, None]
         leaked = (energy < _LEAKAGE * others) & (energy > floor)
         share = np.where(leaked, floor / np.maximum(energy, _SILENCE), 1.0).astype(energy.dtype)
         values = envelopes.values * np.sqrt(share)[:, None, :]
