@@ -156,7 +156,8 @@ def posteriors(seed: int) -> Picture:
     for pings, state in _after("histogram", NARROW, seed, max(shown)):
         if pings in shown and isinstance(state, HistogramFilter):
             axis = axes[shown.index(pings), 0]
-            tdoas, p = state._tdoas, state._p
+            tdoas, p = state._tdoas, state._p[: state._tdoas.size].copy()
+            p[1:-1] += state._p[: state._tdoas.size - 1 : -1]  # of the other side, which has the same TDOA
             density = p / np.abs(np.gradient(tdoas * US))
             shown_bins = np.abs(tdoas) < 0.98 * np.abs(tdoas).max()  # those at end-fire have no width
             axis.plot(tdoas[shown_bins] * US, density[shown_bins], color=BLUE, linewidth=0.9, label="posterior")
