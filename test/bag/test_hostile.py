@@ -78,12 +78,13 @@ def test_a_decompression_bomb_costs_no_memory(claimed: int, tmp_path: Path) -> N
     data = path.read_bytes()
     path.write_bytes(data[:8] + chunk(bomb, claimed) + data[8:])
     script = """
-import resource, sys
+import sys
 from pathlib import Path
+from test.peak_memory import peak_kb
 from uw_acoustic_loc.bag.reader import Bag
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+before = peak_kb()
 bag = Bag(Path(sys.argv[1]))
-print(sum(1 for _ in bag.records()), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before, len(bag.damage))
+print(sum(1 for _ in bag.records()), peak_kb() - before, len(bag.damage))
 """
     done = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, check=True)
     count, grown_kb, damages = map(int, done.stdout.split())

@@ -14,10 +14,10 @@ START = 1_780_272_000_000_000_000
 FRAMES, FRAME_NS = 1500, 100_000_000  # 120 MB of samples
 ALLOWED_MB = 40.0
 PROGRAM = """
-import resource, sys
+import sys
+from test.peak_memory import peak_kb
 from uw_acoustic_loc.cli.main import main
-code = main(sys.argv[1:])
-print(code, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(main(sys.argv[1:]), peak_kb())
 """
 
 

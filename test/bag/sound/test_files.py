@@ -230,10 +230,11 @@ def most_memory(path: Path, seconds: int, block: np.ndarray) -> int:
         for _ in range(seconds):
             file.write(block)
     script = """
-import resource, sys
+import sys
+from test.peak_memory import peak_kb
 from uw_acoustic_loc.cli.main import main
 code = main(["convert-wav", sys.argv[1], "-o", sys.argv[2], "--spacing", "0.6", "--start", "1700000000"])
-print(code, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(code, peak_kb())
 """
     command = [sys.executable, "-c", script, path, f"{path}_bag"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

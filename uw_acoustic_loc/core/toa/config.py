@@ -88,6 +88,11 @@ class Acquisition:
             if len(getattr(self, name)) != 3:
                 raise ValueError(f"{name} must have 3 elements, got {len(getattr(self, name))}")
 
+    @property
+    def most_epochs(self) -> int:
+        """Epochs that a track is judged by."""
+        return max(self.start_epochs, self.lost_epochs)
+
 
 @dataclass(frozen=True)
 class PressureSensor:

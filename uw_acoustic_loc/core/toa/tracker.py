@@ -125,7 +125,7 @@ class ToaTracker:
         self._history.append((self._now, epoch))
         while self._history[0][1].t_ns < epoch.t_ns - self._config.rewind * 1e9:
             self._history.popleft()
-        recent = last_rounds((*self._now.recent, epoch), self._config.start.start_epochs)
+        recent = last_rounds((*self._now.recent, epoch), self._config.start.most_epochs)
         self._now = replace(self._now, t_ns=epoch.t_ns, recent=recent, counts=self._now.counts.copy())
         estimate = self._track(epoch) if self._now.estimate else self._acquire()
         if estimate and not believable(estimate.mean, self._net, self._config):
@@ -138,12 +138,13 @@ class ToaTracker:
     # --- acquiring ------------------------------------------------------------------------------------------------
 
     def _acquire(self) -> ToaEstimate | None:
-        labelled = [associate_by_order(epoch) for epoch in self._now.recent]
+        recent = last_rounds(self._now.recent, self._config.start.start_epochs)
+        labelled = [associate_by_order(epoch) for epoch in recent]
         if not any(len(epoch.time) for epoch in labelled):
             return None
         estimate = self._solve(labelled, None)
-        if estimate and any(map(ambiguous, self._now.recent)):
-            sorted_anew = [self._by_prediction(epoch, estimate) for epoch in self._now.recent]
+        if estimate and any(map(ambiguous, recent)):
+            sorted_anew = [self._by_prediction(epoch, estimate) for epoch in recent]
             estimate = self._solve([epoch for epoch, _ in sorted_anew], estimate.mean)
             estimate = estimate and replace(estimate, paths=sorted_anew[-1][1])
         if has_rounds(self._now.recent, self._config.start.start_epochs):  # the prior has served, or it is wrong
@@ -191,7 +192,7 @@ class ToaTracker:
             self._meet(epoch)
         if agreement.lost(self._config.start.lost_epochs):
             return self._lost()
-        if agreement.contested(epoch.t_ns, self._config.start.start_epochs) and (better := self._contested(estimate)):
+        if agreement.contested(epoch.t_ns, self._config.start.most_epochs) and (better := self._contested(estimate)):
             self._now = replace(self._now, estimate=better, agreement=Agreement())
             return better
         return estimate
